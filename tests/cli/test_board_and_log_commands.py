@@ -181,7 +181,7 @@ def test_a_log_is_characterised_and_its_estimate_written(
 
 
 class Record(SimpleNamespace):
-    """Stands for a `MissionRecord` of some steps of 0.2 s."""
+    """Replacement of a `MissionRecord` with some steps of 0.2 s."""
 
     def until(self, time: float) -> Any:
         return Record(arrays={"t": self.arrays["t"][self.arrays["t"] <= time]})

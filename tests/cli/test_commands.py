@@ -130,22 +130,22 @@ def test_list_of_a_kind_and_of_a_name(typed):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (("rewrad",), ["unknown kind 'rewrad'", "did you mean `reward`?"]),
         (("reward", "InspectionRTARewrd"), ["'InspectionRTARewrd'", "did you mean `InspectionRTAReward`?"]),
         (("reward", "CrashDoneFunction"), ["unknown plugin 'CrashDoneFunction'"]),
     ],
 )
-def test_list_of_what_is_not_there(typed, words, told):
+def test_list_of_what_is_not_there(typed, words, shown):
     code, out, err = typed("list", *words)
     assert code == 2
     assert out == ""
-    assert all(word in err for word in told)
+    assert all(word in err for word in shown)
 
 
 @pytest.mark.parametrize(
-    ("experiment", "words", "told"),
+    ("experiment", "words", "shown"),
     [
         (
             EXPERIMENT,
@@ -159,10 +159,10 @@ def test_list_of_what_is_not_there(typed, words, told):
         ),
     ],
 )
-def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, told):
+def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, shown):
     code, out, err = typed("validate", experiment, *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert shown in err
 
 
 def test_a_policy_that_cannot_be_flown_is_reported_before_the_training(typed):
@@ -271,7 +271,7 @@ def test_what_is_no_command_line_is_refused(typed, words):
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "shown"),
     [
         ("scheduler=ray.tune.schedulers.ASHA", "tune_config.scheduler: module 'ray.tune.schedulers' has no 'ASHA'"),
         ("scheduler=ray.tune.Callback", "tune_config.scheduler: 'ray.tune.Callback' is no scheduler of ray.tune"),
@@ -282,12 +282,12 @@ def test_what_is_no_command_line_is_refused(typed, words):
         ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
     ],
 )
-def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, told):
+def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, shown):
     shipped = "configs/translational-inspection/experiment.yml"
     for words in (("validate", shipped), ("train", shipped, "--dry-run")):
         code, out, err = typed(*words, override)
         assert (code, out) == (2, "")
-        assert told in err
+        assert shown in err
     assert typed("validate", shipped, "scheduler=ray.tune.schedulers.ASHAScheduler")[0] == 0
 
 
@@ -372,7 +372,7 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (("safety", "--steps", "0"), "--steps: a whole number of at least 1 is wanted, not '0'"),
         (("safety", "--steps", "many"), "--steps: a whole number of at least 1 is wanted, not 'many'"),
@@ -382,11 +382,11 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
         (("acceptance", "--draws", "5", "--seed", str(2**64)), "--seed: a whole number from 0"),
     ],
 )
-def test_numbers_that_make_no_sense_are_refused(typed, words, told):
+def test_numbers_that_make_no_sense_are_refused(typed, words, shown):
     code, out, err = typed(words[0], EXPERIMENT, *words[1:])
-    assert code == 2  # not 1, which stands for violations
+    assert code == 2  # not 1, which means violations
     assert out == ""
-    assert told in err
+    assert shown in err
 
 
 def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
@@ -455,7 +455,7 @@ _DISTURBED = "config.config.env_config.simulator.config.disturbance"
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (
             ("configs/docking/experiment.yml", "RTAGlueCWHDocking3d.config.enabled=True"),
@@ -478,7 +478,7 @@ _DISTURBED = "config.config.env_config.simulator.config.disturbance"
         ),
     ],
 )
-def test_a_dry_run_says_which_filter_guards_whom(typed, words, told):
+def test_a_dry_run_says_which_filter_guards_whom(typed, words, shown):
     code, out, _ = typed("train", *words, "--dry-run", "horizon=30")
     assert code == 0
-    assert told in out
+    assert shown in out

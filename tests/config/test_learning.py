@@ -1,4 +1,4 @@
-"""Mistakes in what an experiment says to RLlib, Tune and Ray are told where they stand; nothing here loads Ray."""
+"""Mistakes in the settings for RLlib, Tune and Ray are reported with their place; nothing here loads Ray."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def test_every_mistake_is_reported_at_once():
     ],
 )  # fmt: skip
 def test_a_mistake_is_reported_with_its_place(file, path, place, line):
-    (found,) = placed(load_experiment(file), [Problem("wrong", path, hint="mend it")])
-    assert (found.message, found.hint) == ("wrong", "mend it")
+    (found,) = placed(load_experiment(file), [Problem("wrong", path, hint="fix it")])
+    assert (found.message, found.hint) == ("wrong", "fix it")
     assert found.path == place
     text = Path(found.location.file).read_text(encoding="utf-8").splitlines()[found.location.line - 1]
     assert line in text

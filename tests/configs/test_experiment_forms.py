@@ -1,4 +1,4 @@
-"""The peer's other ways to write an experiment."""
+"""Other forms of an experiment that safe-autonomy-sims allows."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_three_deputies_that_turn_in_the_grammar_of_safe_autonomy_sims_see_22_nu
         state.orientation[:, :3], state.angular_velocity[:, :3] / 0.05,
     ]  # fmt: skip
     np.testing.assert_allclose(found.observation, np.concatenate(expected, axis=-1), rtol=1e-6, atol=1e-7)
-    assert (uninspected == uninspected[:, :1]).all()  # all are told where blue0 should look
+    assert (uninspected == uninspected[:, :1]).all()  # all observe where blue0 should look
     assert list(found.terms) == [
         "ObservedPointsReward", "SafeInspectionSuccessReward", "InspectionCrashReward", "InspectionDeltaVReward",
     ]  # fmt: skip

@@ -19,7 +19,7 @@ AGENT = "blue#_ctrl"
 
 @pytest.fixture
 def team(tmp_path, monkeypatch, long_form):
-    """Return a copy of the written-out folder of several agents beside that of one."""
+    """Return a copy of the written-out folder of several agents, next to that of one."""
     for name in ("translational-inspection", "multiagent-translational-inspection"):
         shutil.copytree(long_form / name, tmp_path / "configs" / name)
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Copies and pickles of every façade, taken in mid-episode, fly what the original flies, to the bit."""
+"""Copies and pickles of every façade, taken in mid-episode, fly bit-identically to the original."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EXPERIMENTS = sorted(
 
 
 def plain(value: Any) -> Any:
-    """Return a result with its arrays as bytes, so that results compare to the bit."""
+    """Return a result with its arrays as bytes, so that a comparison is exact."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):

@@ -1,4 +1,4 @@
-"""Environments whose decisions go on are stepped without those that wait, and nothing of it can be seen."""
+"""Environments whose decisions continue are stepped without those that wait, with no effect on the results."""
 
 from __future__ import annotations
 

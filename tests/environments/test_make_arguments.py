@@ -95,10 +95,10 @@ def ended(what):
 
 
 @pytest.mark.parametrize(
-    ("what", "told"), [("generator", "raises GeneratorExit"), ("deep", "calls itself without end")]
+    ("what", "shown"), [("generator", "raises GeneratorExit"), ("deep", "calls itself without end")]
 )
-def test_a_plugin_that_ends_otherwise_is_named(what, told):
-    with pytest.raises(PluginValueError, match=rf"the reward Ends {told} \({__file__}:\d+: ") as error:
+def test_a_plugin_that_ends_otherwise_is_named(what, shown):
+    with pytest.raises(PluginValueError, match=rf"the reward Ends {shown} \({__file__}:\d+: ") as error:
         ended(what)
     assert error.value.__suppress_context__  # of a thousand calls
 

@@ -203,7 +203,7 @@ def test_permuting_equal_agents_permutes_the_results(order):
     velocity = np.array([[0.0, -0.1, 0.0], [0.25, -0.43, 0.0], [0.0, 0.0, 0.1]])  # the second crashes soon
     thrusts = {name: 0.02 * array for name, array in thrusts_of(names, 35, 2, seed=4).items()}
     plain = fly(TeamEnvironment(begun(spec, ABOUT, velocity), 2, seed=SEED), thrusts)
-    places = [order.index(index) for index in range(3)]  # the deputy `order[k]` now stands at place k
+    places = [order.index(index) for index in range(3)]  # the deputy `order[k]` is now at place k
     moved = {names[place]: thrusts[names[index]] for index, place in enumerate(places)}
     other = begun(spec, [ABOUT[index] for index in order], velocity[list(order)])
     permuted = fly(TeamEnvironment(other, 2, seed=SEED), moved)
@@ -325,7 +325,7 @@ def of_another_kind(agent: AgentSpec) -> dict:
 
 
 def test_agents_that_differ_are_computed_as_their_like_are():
-    """In a mixed team every agent is what it is in a team of its own kind, up to the step that ends the first."""
+    """In a mixed team every agent flies as in a team of one kind, up to the step that ends the first."""
     spec = several("horizon=40")
     names = [agent.name for agent in spec.agents]
     kind = [of_another_kind(agent) for agent in spec.agents]
@@ -345,7 +345,7 @@ def test_agents_that_differ_are_computed_as_their_like_are():
 
 
 def test_grouping_changes_nothing(monkeypatch):
-    """A group is the same agents one by one, whatever stands beside them, through ends, resets and filters."""
+    """A group is the same agents one by one, with any other agents, through ends, resets and filters."""
     spec = several("blue#_ctrl.count=7", *LIVELY)
     other = of_another_kind(spec.agents[0])
     filtered = several("blue#_ctrl.count=7", FILTER_ON).agents[0].glues

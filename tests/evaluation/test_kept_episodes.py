@@ -225,7 +225,7 @@ def test_every_kind_of_episode_is_kept_bit_for_bit(tmp_path, file):
 
 
 def same(one, other):
-    """Return whether two values agree to the bit, with their types."""
+    """Return whether two values and their types are identical."""
     if isinstance(one, np.ndarray):
         return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
     if hasattr(one, "__dataclass_fields__"):

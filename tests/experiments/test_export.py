@@ -107,7 +107,7 @@ def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
     columns = np.split(logits, [3, 8], axis=1)
     pairs = zip((LEVELS[1:4], LEVELS, LEVELS), columns, strict=True)
     wanted = [np.array(levels)[part.argmax(axis=1)] for levels, part in pairs]
-    agree = (policy(readings) == np.stack(wanted, axis=1)).all(axis=1)  # to the bit: the task's levels, not float32's
+    agree = (policy(readings) == np.stack(wanted, axis=1)).all(axis=1)  # exact: the levels of the task, not of float32
     assert agree.mean() > 0.998
     assert all(len(np.unique(part)) > 1 for part in wanted)
     assert (done.info.distribution, done.info.action[1].levels) == ("categorical", tuple(LEVELS))

@@ -207,7 +207,7 @@ def test_a_training_that_does_not_compile_does_not_say_so(heartbeat):
     assert [line for _, line in beats(30.0)] == ["working on the first iteration, for 0:00:28"]
     note.touch()
     beats(32.0)
-    note.unlink()  # what is compiled anew in each process takes a moment
+    note.unlink()  # code that is compiled again in each process takes a moment
     assert not any("compiling, once" in line for _, line in beats(60.0))
 
 

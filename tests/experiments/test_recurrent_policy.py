@@ -53,7 +53,7 @@ def test_the_file_flies_as_the_checkpoint_does(exported, name, sampled):
         for one, other in zip(ours.trajectories, theirs.trajectories, strict=True):
             np.testing.assert_allclose(one.control, other.control, atol=2e-4)
     for one, other in zip(flown[2].trajectories, flown[3].trajectories, strict=True):
-        np.testing.assert_array_equal(one.position, other.position)  # whatever flies beside it, to the bit
+        np.testing.assert_array_equal(one.position, other.position)  # bit-identical, whatever else flies
 
 
 @pytest.mark.parametrize("name", NETS)

@@ -1,4 +1,4 @@
-"""A training that is killed goes on, with the right iteration and without what was damaged."""
+"""A training that is killed can be continued, with the right iteration and without damaged files."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_runs_without_a_record_are_named_by_their_folders(runs: Any, tmp_path: P
 
 
 class FakeTasks:
-    """Stands for Ray: tasks end in the order in which they were begun."""
+    """Replacement of Ray in which tasks end in the order in which they were started."""
 
     def __init__(self) -> None:
         self.flying, self.most, self.cancelled = list[int](), 0, list[int]()

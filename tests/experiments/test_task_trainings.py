@@ -1,4 +1,4 @@
-"""The experiments of each task train, go on after SIGKILL, evaluate, export, draw and open as a page."""
+"""The experiments of each task train, continue after SIGKILL, evaluate, export, draw and open as a page."""
 
 from __future__ import annotations
 

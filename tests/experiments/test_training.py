@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ray
 
 
 def home_results():
-    """Return what stands where Ray puts results unless told otherwise."""
+    """Return the contents of the folder in which Ray saves results by default."""
     return sorted((Path.home() / "ray_results").glob("*"))
 
 

@@ -94,7 +94,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
     "C13": (
-        "the death of a process does not say how to go on",
+        "the death of a process does not say how to continue",
         (
             "experiments/test_training.py::test_a_runner_that_is_killed_is_one_message_that_says_how_to_continue",
             "experiments/test_resume.py::test_a_killed_training_continues_from_the_newest_good_checkpoint",
@@ -124,7 +124,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("examples/test_plugin_package.py::test_the_examples_hold_a_plugin_of_each_kind",),
     ),
     "C18": (
-        "platforms are no plugins, and a filter is valid under physics that it does not know",
+        "platforms are not plugins, and a filter is valid under physics that it does not know",
         (
             "examples/test_plugin_package.py::test_the_formation_flies_with_what_the_package_brings",
             "config/test_guarantees.py::test_what_voids_the_guarantee_is_refused",
@@ -213,7 +213,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("figures/test_curves.py::test_recipes_are_named_by_the_values_in_which_they_differ",),
     ),
     "U16": (
-        "the key of ten deputies tells no colours apart",
+        "the colours in the key of ten deputies cannot be distinguished",
         ("figures/test_page_in_browser.py::test_the_page_fits_the_screen",),
     ),
     "U17": (

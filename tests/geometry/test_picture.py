@@ -41,7 +41,7 @@ def test_points_lie_flat_in_the_picture_of_the_camera_and_of_one_in_another_fram
     [
         ((-5.0, 0.0, 0.0), True),
         ((5.0, 0.0, 0.0), False),
-        ((0.0, 1.0, 0.0), False),  # beside the sphere's middle: not behind
+        ((0.0, 1.0, 0.0), False),  # next to the sphere's centre: not behind
         ((-5.0, 1.9, 0.0), True),
         ((-5.0, 0.0, 2.0), False),  # on the outline
         ((-5.0, 1.5, -1.5), False),

@@ -13,7 +13,7 @@ from safe_inspect.config.models.experiment import (
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import registry
 
-#: Names of the grammar that stand for no plugin, each with the check of the model that takes it.
+#: Names of the grammar that do not mean a plugin, each with the check of the model that takes it.
 _GRAMMAR = {
     "TrainableBaseAgent": lambda name: AgentConfig.__pydantic_validator__.validate_assignment(
         AgentConfig.model_construct(), "agent", name

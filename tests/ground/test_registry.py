@@ -138,7 +138,7 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "shown"),
     [
         ("import no_such_dependency\n", "py:1: ModuleNotFoundError: No module named 'no_such_dependency'"),
         ("x = 1\n1 / 0\n", "py:2: ZeroDivisionError: division by zero"),
@@ -151,13 +151,13 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
     ],
 )
 def test_a_module_that_fails_by_itself_is_named_with_its_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, shown: str
 ) -> None:
     write_module(tmp_path, monkeypatch, "ground_broken_module", text)
     with pytest.raises(RegistryError) as caught:
         registry.get("reward", "ground_broken_module.FarReward")
     assert str(caught.value).startswith("module 'ground_broken_module' cannot be imported: ")
-    assert told in str(caught.value)
+    assert shown in str(caught.value)
 
 
 def test_an_abstract_class_is_not_a_plugin_to_name() -> None:

@@ -73,7 +73,7 @@ def test_every_built_in_metric_is_measured(flown):
 
 
 def test_metrics_agree_with_what_was_recorded(flown):
-    """Agents that ended before their episode coast on; what they did then is none of their own."""
+    """Agents that ended before their episode continue to coast; that part is not counted for them."""
     for row, one in enumerate(flown.trajectories):
         for deputy, agent in enumerate(flown.agents.values()):
             last = agent.length[row]
@@ -260,7 +260,7 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "shown"),
     [
         ("DeltaVV", "did you mean `DeltaV`"),
         ("ObservedPointsReward", "is a reward; a metric is wanted here"),
@@ -273,9 +273,9 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),
     ],
 )
-def test_metrics_are_read_by_name_and_mistakes_reported(text, told):
+def test_metrics_are_read_by_name_and_mistakes_reported(text, shown):
     good = read_metrics(["DeltaV", "safe_inspect.metrics.DeltaV", "{functor: TimeToCoverage, config: {fraction: 0.5}}"])
     assert good == [DeltaV(), DeltaV(), TimeToCoverage(fraction=0.5)]
     with pytest.raises(SafeInspectError) as error:
         read_metrics([text])
-    assert told in str(error.value)
+    assert shown in str(error.value)

@@ -53,7 +53,7 @@ class Plane(Constraint, name="TestPlane"):
 
 
 class Obstacle(Constraint, name="TestObstacle"):
-    """Stay out of a ball beside the chief.
+    """Stay out of a ball next to the chief.
 
     Attributes:
         centre: Its centre [m].

@@ -135,7 +135,7 @@ def test_a_restored_scale_continues_as_if_nothing_had_happened():
 
 @pytest.mark.parametrize("rows", [[0], [3, 1], [4, 0, 2]])
 def test_slots_that_continue_apart_count_as_if_they_had_stayed(rows):
-    """Some slots are taken out, go on alone, and are put back; the others wait meanwhile."""
+    """Some slots are taken out, continue alone, and are put back; the others wait meanwhile."""
     rng, rows = np.random.default_rng(5), np.array(rows)
     whole, reference = DeltaVScale(SCHEDULE, 5), DeltaVScale(SCHEDULE, 5)
     for _ in range(60):

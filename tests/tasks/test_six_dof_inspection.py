@@ -98,7 +98,7 @@ def test_a_start_depends_on_its_slot_alone():
         for name in names:
             assert (batch.state[name][4] == alone.state[name][0]).all()
     deputies = batch.state.orientation[0, :3]
-    assert len(np.unique(deputies[:, 0])) == 3  # each has an attitude of its own
+    assert len(np.unique(deputies[:, 0])) == 3  # the attitudes differ
 
 
 def test_deputies_that_would_start_too_near_are_drawn_again():

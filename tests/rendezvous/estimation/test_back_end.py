@@ -144,7 +144,7 @@ def test_a_chaser_without_inertial_samples_flies_as_commanded() -> None:
 
 @pytest.mark.parametrize("reached", [True, False])
 def test_a_frame_after_a_refused_one_has_an_innovation(reached: bool) -> None:
-    """A pose to the model tells where the centre is in B, whether an edge has reached the frame before or not."""
+    """A pose relative to the model determines the centre in B, whether the previous frame has an edge or not."""
     edge = edges_of(watched_poses(_TARGET, 1), model=True)[0]
     tight = 1e-4 * np.eye(3)
     graph = GraphEstimate(
