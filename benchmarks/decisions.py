@@ -1,11 +1,11 @@
-"""Speed of vectors of environments whose decisions last, beside one that is asked at every control step.
+"""Speed of vectors of environments whose decisions last, compared with one that decides at every control step.
 
     python benchmarks/decisions.py [--envs 64 1024] [--seconds 4]
 
 Every case flies the task of `experiment-burn-and-coast.yml` with random burns. `step by step`: all durations are one
 control step. `mixed`: half of the decisions take one control step, the others 4 to 64. `whole batch`: the same, but
 environments that wait are stepped on, as an environment without parts does. `sampler`: control steps of the batch
-itself, each environment deciding anew as its decision elapses, as the batched runner does it. Rates are for a second
+itself, each environment deciding again when its decision elapses, as in the batched runner. Rates are for a second
 of processor time, of the process alone; the cases take turns.
 """
 

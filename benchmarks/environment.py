@@ -1,4 +1,4 @@
-"""Speed of the environment: steps/s for several batch sizes, beside a plain loop over scikit-learn's K-means.
+"""Speed of the environment: steps/s for several batch sizes, compared with a plain loop over scikit-learn's K-means.
 
     python benchmarks/environment.py [--envs 1 64 1024] [--deputies 1 3 10] [--seconds 2] [--json result.json]
 
@@ -153,7 +153,7 @@ def forget_clusters(environment: TeamEnvironment) -> None:
 def profile(case: Case, seconds: float) -> dict[str, float]:
     """Return the share of each section in the time of a step, resets included, largest first.
 
-    Every plugin is called by itself: in the kernel that stands for them otherwise, no watch can tell them apart.
+    Every plugin is called separately: in the kernel that replaces them otherwise, their times cannot be distinguished.
     """
     case.environment = TeamEnvironment(case.environment.spec, case.num_envs, seed=1, _fused=False)
     case.environment.reset()
@@ -204,7 +204,7 @@ def costs(cases: list[Case]) -> list[dict[str, Any]]:
     Each round gives a ratio of processor times, of measurements that follow each other; the median counts.
     """
     smallest = min(case.num_envs for case in cases)
-    told = []
+    shown = []
     for one in cases:
         if one.deputies > 1 or one.num_envs != smallest or one.name not in ("batch", "team"):
             continue
@@ -212,7 +212,7 @@ def costs(cases: list[Case]) -> list[dict[str, Any]]:
             if team.deputies > 1 and (team.num_envs, team.thrust) == (smallest, one.thrust):
                 pairs = zip(one.per_cpu_second, team.per_cpu_second, strict=True)
                 ratio = float(np.median([single / several * team.deputies for single, several in pairs]))
-                told.append(
+                shown.append(
                     {
                         "deputies": team.deputies,
                         "num_envs": smallest,
@@ -221,7 +221,7 @@ def costs(cases: list[Case]) -> list[dict[str, Any]]:
                         "cost_of_a_step": ratio,
                     }
                 )
-    return told
+    return shown
 
 
 def measure(
@@ -249,7 +249,7 @@ def measure(
     for row in rows:
         if row["thrust"] in base:
             row["ratio"] = row["steps_per_cpu_second"] / base[row["thrust"]]["steps_per_cpu_second"]
-    told = costs(cases)
+    shown = costs(cases)
     profiles = [
         {
             "num_envs": case.num_envs,
@@ -260,7 +260,7 @@ def measure(
         for case in cases
         if shares and (case.name == "batch" or (case.name == "team" and case.deputies == 3))
     ]
-    return {"machine": machine(), "rates": rows, "costs": told, "profiles": profiles}
+    return {"machine": machine(), "rates": rows, "costs": shown, "profiles": profiles}
 
 
 def show(report: dict[str, Any]) -> None:
@@ -286,8 +286,8 @@ def show(report: dict[str, Any]) -> None:
     _table([head, *rows], left=4)
     print(LEGEND)
     for row in report["costs"]:
-        told = f"a step with {row['deputies']} deputies costs {row['cost_of_a_step']:.2f} times that of {row['of']}"
-        print(f"N = {row['num_envs']}, {row['thrust']} thrust: {told}")
+        shown = f"a step with {row['deputies']} deputies costs {row['cost_of_a_step']:.2f} times that of {row['of']}"
+        print(f"N = {row['num_envs']}, {row['thrust']} thrust: {shown}")
     columns = report["profiles"]
     if not columns:
         return

@@ -2,7 +2,7 @@
 
     python benchmarks/first_use.py [--cases make evaluate train filter team] [--tree FOLDER] [--json result.json]
 
-Each case runs in a process of its own with an empty cache folder, and once more with what the first run left there.
+Each case runs in a separate process with an empty cache folder, and once more with what the first run left there.
 `team` begins with the cache that `filter` leaves. Processor time counts the process and what it has waited for; other
 work on the machine lengthens the wall time, so compare two trees (`--tree`: another checkout) by processor time, one
 measured after the other. A training's processor time leaves out the processes of Ray.

@@ -58,7 +58,7 @@ def as_variant(variant: str) -> Iterator[None]:
                 if key not in _COMPILED:
                     _COMPILED[key] = torch.compile(net)
                 fast = _COMPILED[key]
-                # Values before the update come in batches of any size, which would be compiled anew.
+                # Values before the update come in batches of any size, each of which would be compiled again.
                 return plain(lambda batch: (fast if torch.is_grad_enabled() else net)(batch), parameters)
 
             stack.enter_context(patch.object(ppo_nets, "AutogradPass", compiled))

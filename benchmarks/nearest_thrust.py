@@ -2,7 +2,7 @@
 
     python benchmarks/nearest_thrust.py [--states 480] [--rounds 200] [--json result.json]
 
-The states are those of adversarial flights (see `rta_filter` beside this) in which the filter changes the desired
+The states are those of adversarial flights (see `rta_filter.py` in this folder) in which the filter changes the desired
 thrust, taken at random. The reference is a search that asks the filter itself, `admissible`: thrusts at random in the
 ball about the desired thrust that is nearer than the best one known, and about the best, at distances from 0.3 N down
 to 0.3 mN of it. What it finds is an upper bound of the nearest, so the excess is a lower bound; more rounds show how

@@ -50,7 +50,7 @@ _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextMana
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),
     ("cut 6 cm", True, 0.06, np.inf, nullcontext),
-    ("no pixels beside a jump", True, 0.03, 0.03, nullcontext),
+    ("no pixels next to a jump", True, 0.03, 0.03, nullcontext),
 )
 
 

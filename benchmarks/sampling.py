@@ -1,4 +1,4 @@
-"""How fast does RLlib sample? The batched runner beside the stock one, on the real environment with the shipped nets.
+"""Sampling speed of RLlib: the batched runner and the stock one, on the real environment with the shipped networks.
 
     python benchmarks/sampling.py [--envs 64 256] [--seconds 10] [--json sampling.json]
 

@@ -4,7 +4,7 @@
         [--filters none decentralised centralised] [--timings] [--json result.json] [--plot figure.png]
 
 Starts are drawn at ranges of 50 to 100 m and up to 0.3 m/s such that every constraint is met and a joint plan exists.
-The adversaries are those of `team_safety` beside it. Each environment is one run. The steps count
+The adversaries are those of `team_safety.py`. Each environment is one run. The steps count
 environments: with three deputies, three thrusts are filtered in each.
 """
 

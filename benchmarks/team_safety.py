@@ -198,7 +198,7 @@ def team_report(
         start: The first states, as many runs.
         steps: Environment steps, rounded up to whole steps of the batch.
         seed: Seed of the random adversary.
-        substeps: Every hold is looked at in this many equal parts.
+        substeps: Number of equal parts of every hold at which constraints are checked.
         progress: Called with the environment steps done and asked for.
 
     Raises:

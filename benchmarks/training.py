@@ -3,10 +3,10 @@
     python benchmarks/training.py --iterations 8 --json training.json
     python benchmarks/training.py --small-thrust --steps 800000 seed=1    # how the returns grow
 
-The shipped experiment trains with this package's learner and with RLlib's own, both with the batched runner, and beside
-them a plain PPO loop in PyTorch on the same environment: the same nets, batch, epochs and minibatches. They take turns,
-an iteration each, so that the ratios hold on a machine that does other things as well. Overrides of the experiment
-follow as ``key=value``; the loop knows batches, minibatches, epochs and learning rate.
+The shipped experiment trains with this package's learner and with RLlib's own, both with the batched runner. It is
+compared with a plain PPO loop in PyTorch on the same environment, with the same networks, batch, epochs and
+minibatches. They take turns, an iteration each, so that the ratios hold on a machine that does other things as well.
+Overrides of the experiment follow as ``key=value``; the loop knows batches, minibatches, epochs and learning rate.
 """
 
 from __future__ import annotations

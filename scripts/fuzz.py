@@ -284,7 +284,7 @@ def _work(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace, first: int, count: int) -> list[dict[str, str]]:
-    """Make attempts in a process of their own, and in another one after each that dies."""
+    """Make attempts in a separate process, and in a new one after each process that dies."""
     findings: list[dict[str, str]] = []
     while count > 0:
         words = ["--seed", str(options.seed), "--first", str(first), "--count", str(count), "--doors", *options.doors]

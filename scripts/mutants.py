@@ -10,7 +10,7 @@ to are run there (`TESTS`), until one fails. A fault that they do not notice sur
 count, because a test should fail near the fault. Each result is appended to the output file at once: a run that was
 interrupted continues where it stopped.
 
-First the tests are run once without a fault, and what functions each file of tests runs is kept beside the output
+First the tests are run once without a fault, and the functions that each test file runs are saved next to the output
 (`.reach.json`). Files that do not run the function in which a fault is planted cannot notice it, and are left out.
 
 Faults that change nothing that a user could see are listed by hand in ``scripts/equivalent_mutants.txt``, one key a

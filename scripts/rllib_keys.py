@@ -16,7 +16,7 @@ from safe_inspect.experiments.learning.algorithm import ATTRIBUTES, attribute_na
 
 
 def names_of_release() -> dict[str, Any]:
-    """Return the release, the names that every algorithm has, and those that each has beside them."""
+    """Return the release, the names that every algorithm has, and the additional names of each algorithm."""
     given = {attribute: name for name, attribute in ATTRIBUTES.items()}
     names = {
         algorithm: {given.get(name, name) for name in attribute_names(default_config(algorithm))}

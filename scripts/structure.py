@@ -16,7 +16,7 @@ _TWIN_FIELDS = 2
 
 
 def place_of(module: str) -> str:
-    """Return the folder, or the file beside the folders, to which a module belongs on the second level."""
+    """Return the folder, or the file next to the folders, to which a module belongs on the second level."""
     return ".".join(module.split(".")[:3])
 
 
@@ -88,7 +88,7 @@ def _fields(node: ast.ClassDef) -> Iterator[str]:
 
 
 def option_twins(trees: dict[str, ast.Module], options: dict[str, set[str]]) -> list[str]:
-    """Return the dataclasses that declare options of a plugin of their room again, with defaults of their own.
+    """Return the dataclasses that declare options of a plugin of the same package again, with separate defaults.
 
     Args:
         trees: The modules.

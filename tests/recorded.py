@@ -1,6 +1,6 @@
-"""Texts of tests, compared with those on record in a file beside the tests.
+"""Texts of tests, compared with those recorded in a file next to the tests.
 
-A change that is meant to change the texts writes the record anew; read what has changed:
+To change the texts on purpose, write the record again and review the difference:
 
     RECORD_TEXTS=1 python -m pytest -n 0 tests/contract tests/evaluation
 """

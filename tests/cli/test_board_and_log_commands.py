@@ -82,7 +82,7 @@ def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
         ("{source: optimiser, task: safe_inspect/Docking-v0}", "row 'optimiser': "),
     ],
 )
-def test_a_row_that_cannot_fly_is_told_before_any_flies(here: Path, typed: Typed, row: str, shown: str) -> None:
+def test_a_row_that_cannot_fly_is_reported_before_any_flies(here: Path, typed: Typed, row: str, shown: str) -> None:
     task = "safe_inspect/TranslationalInspectionSeed-v0"
     (here / "b.yml").write_text(f"boards: [{{title: B, task: {task}, rows: [{{source: random}}, {row}]}}]\n")
     code, out, err = typed("leaderboard", "b.yml")
@@ -135,7 +135,7 @@ def test_plans_of_a_board_are_searched_with_its_seed(monkeypatch: pytest.MonkeyP
     assert record.about["overrides"] == ["horizon=30"]
 
 
-def test_the_training_of_a_shipped_policy_stands_on_its_card() -> None:
+def test_the_training_of_a_shipped_policy_is_on_its_card() -> None:
     source = {"kind": "shipped", "text": "--policy docking"}
     assert leaderboard._training(source) == leaderboard.shipped_policy("docking").training
     assert leaderboard._training({"kind": "onnx", "text": "p.onnx"}) == {}
@@ -181,7 +181,7 @@ def test_a_log_is_characterised_and_its_estimate_written(
 
 
 class Record(SimpleNamespace):
-    """Stands for a `MissionRecord` of some steps of 0.2 s."""
+    """Replacement of a `MissionRecord` with some steps of 0.2 s."""
 
     def until(self, time: float) -> Any:
         return Record(arrays={"t": self.arrays["t"][self.arrays["t"] <= time]})

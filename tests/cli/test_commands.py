@@ -75,7 +75,7 @@ def spoil(file: str, right: str, wrong: str) -> int:
     return path.read_text().partition(wrong)[0].count("\n") + 1
 
 
-def test_the_installed_command_tells_its_version():
+def test_the_installed_command_states_its_version():
     done = shell("--version")
     assert done.returncode == 0
     assert done.stdout == f"safe_inspect {__version__}\n"
@@ -130,22 +130,22 @@ def test_list_of_a_kind_and_of_a_name(typed):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (("rewrad",), ["unknown kind 'rewrad'", "did you mean `reward`?"]),
         (("reward", "InspectionRTARewrd"), ["'InspectionRTARewrd'", "did you mean `InspectionRTAReward`?"]),
         (("reward", "CrashDoneFunction"), ["unknown plugin 'CrashDoneFunction'"]),
     ],
 )
-def test_list_of_what_is_not_there(typed, words, told):
+def test_list_of_what_is_not_there(typed, words, shown):
     code, out, err = typed("list", *words)
     assert code == 2
     assert out == ""
-    assert all(word in err for word in told)
+    assert all(word in err for word in shown)
 
 
 @pytest.mark.parametrize(
-    ("experiment", "words", "told"),
+    ("experiment", "words", "shown"),
     [
         (
             EXPERIMENT,
@@ -159,13 +159,13 @@ def test_list_of_what_is_not_there(typed, words, told):
         ),
     ],
 )
-def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, told):
+def test_an_algorithm_that_cannot_learn_the_actions_is_refused(typed, experiment, words, shown):
     code, out, err = typed("validate", experiment, *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert shown in err
 
 
-def test_a_policy_that_cannot_be_flown_is_told_before_the_training(typed):
+def test_a_policy_that_cannot_be_flown_is_reported_before_the_training(typed):
     code, _, err = typed("validate", EXPERIMENT, "use_lstm=True")
     assert code == 0
     assert "exported" not in err
@@ -271,7 +271,7 @@ def test_what_is_no_command_line_is_refused(typed, words):
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "shown"),
     [
         ("scheduler=ray.tune.schedulers.ASHA", "tune_config.scheduler: module 'ray.tune.schedulers' has no 'ASHA'"),
         ("scheduler=ray.tune.Callback", "tune_config.scheduler: 'ray.tune.Callback' is not a scheduler of ray.tune"),
@@ -282,12 +282,12 @@ def test_what_is_no_command_line_is_refused(typed, words):
         ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
     ],
 )
-def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, told):
+def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, shown):
     shipped = "configs/translational-inspection/experiment.yml"
     for words in (("validate", shipped), ("train", shipped, "--dry-run")):
         code, out, err = typed(*words, override)
         assert (code, out) == (2, "")
-        assert told in err
+        assert shown in err
     assert typed("validate", shipped, "scheduler=ray.tune.schedulers.ASHAScheduler")[0] == 0
 
 
@@ -298,12 +298,12 @@ def test_a_shipped_policy_is_exported_already(typed):
     assert "docking" in Path(err.split()[-1]).parts
 
 
-def test_an_unknown_algorithm_is_told_all_there_are(typed):
+def test_an_unknown_algorithm_lists_all_known_ones(typed):
     err = typed("validate", "configs/translational-inspection/experiment.yml", "algorithm=A3C")[2]
     assert "no algorithm of RLlib is called `A3C`; use one of `PPO`, `APPO`, `IMPALA`, `SAC`, `DQN`, `DreamerV3`" in err
 
 
-def test_a_misspelt_command_or_option_is_told_the_nearest(typed):
+def test_a_misspelt_command_or_option_names_the_nearest(typed):
     for override in ("--override", "--overrides"):
         assert f"{override}; write KEY=VALUE alone; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]
     assert "--drows; did you mean `--draws`?" in typed("acceptance", EXPERIMENT, "--drows", "5")[2]
@@ -372,7 +372,7 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (("safety", "--steps", "0"), "--steps: a whole number of at least 1 is wanted, not '0'"),
         (("safety", "--steps", "many"), "--steps: a whole number of at least 1 is wanted, not 'many'"),
@@ -382,11 +382,11 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
         (("acceptance", "--draws", "5", "--seed", str(2**64)), "--seed: a whole number from 0"),
     ],
 )
-def test_numbers_that_make_no_sense_are_refused(typed, words, told):
+def test_numbers_that_make_no_sense_are_refused(typed, words, shown):
     code, out, err = typed(words[0], EXPERIMENT, *words[1:])
-    assert code == 2  # not 1, which stands for violations
+    assert code == 2  # not 1, which means violations
     assert out == ""
-    assert told in err
+    assert shown in err
 
 
 def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
@@ -455,7 +455,7 @@ _DISTURBED = "config.config.env_config.simulator.config.disturbance"
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (
             ("configs/docking/experiment.yml", "RTAGlueCWHDocking3d.config.enabled=True"),
@@ -478,7 +478,7 @@ _DISTURBED = "config.config.env_config.simulator.config.disturbance"
         ),
     ],
 )
-def test_a_dry_run_says_which_filter_guards_whom(typed, words, told):
+def test_a_dry_run_says_which_filter_guards_whom(typed, words, shown):
     code, out, _ = typed("train", *words, "--dry-run", "horizon=30")
     assert code == 0
-    assert told in out
+    assert shown in out

@@ -58,7 +58,7 @@ def test_the_bar_fits_the_terminal(clock, columns):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (
             ("safety", "configs/docking/experiment.yml", "--steps", "128", "--num-envs", "64"),
@@ -70,8 +70,8 @@ def test_the_bar_fits_the_terminal(clock, columns):
         ),
     ],
 )
-def test_long_commands_report_in_a_log_file(words, told, monkeypatch, tmp_path, capsys):
+def test_long_commands_report_in_a_log_file(words, shown, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(episode_bar, "_SILENCE", 0.0)
     monkeypatch.chdir(tmp_path)
     assert main([*words, *(("--output", "a.gif") if words[0] == "film" else ())]) == 0
-    assert told in capsys.readouterr().err
+    assert shown in capsys.readouterr().err

@@ -191,13 +191,13 @@ def test_the_gap_to_a_reference(typed):
     gap = row(out, "gap to the open-loop optimum")
     assert float(gap[0]) == pytest.approx(-(0.1 + 0.3 + 0.4 + 0.5 + 0.6) / 5, abs=1e-4)
     assert gap[-3:] == ["(5", "of", "6)"]
-    for more, told in (
+    for more, shown in (
         ((), "the reference has seed 2, not 0; give --seed 2"),
         (("--seed", "2", "--episodes", "8"), "has 7 episodes, fewer than 8; give --episodes 7"),
     ):
         code, out, err = typed(*words, *more)
         assert (code, out) == (2, "")
-        assert told in err
+        assert shown in err
     Path("ref.json").write_text(json.dumps({"seed": 2, "delta_v": [0.1] * 6, "task": {"step_size": 1.0}}))
     assert "the reference is of another task" in typed(*words, "--seed", "2")[2]
     Path("ref.json").write_text("[1]")
@@ -231,13 +231,13 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
 
     monkeypatch.setattr("safe_inspect.experiments.modules.sources.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
-    told = "nothing is kept, as the first batch of 4 episodes was not complete"
-    assert (code, out, err) == (130, "", f"interrupted; {told}\n")
+    shown = "nothing is kept, as the first batch of 4 episodes was not complete"
+    assert (code, out, err) == (130, "", f"interrupted; {shown}\n")
     assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         ((), "nothing to evaluate: give a checkpoint's folder"),
         (("inspectr",), "did you mean `inspector`?"),
@@ -267,14 +267,14 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("--policy", "zero-thrust"), "it is a scripted policy: give it as a separate argument, without `--policy`"),
     ],
 )
-def test_mistakes_are_told_before_an_episode_is_flown(typed, here, monkeypatch, words, told):
+def test_mistakes_are_reported_before_an_episode_is_flown(typed, here, monkeypatch, words, shown):
     module = importlib.import_module("safe_inspect.experiments.modules.sources")
     monkeypatch.setattr(module, "rollout", lambda *_, **__: pytest.fail("an episode was flown"))
     (here / "file.txt").write_text("text")
     (here / "folder").mkdir()
     code, out, err = typed("evaluate", *words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert shown in err
     assert err.count("error") == 1
     assert sorted(path.name for path in here.iterdir()) == ["file.txt", "folder"]
 
@@ -334,7 +334,7 @@ def test_an_onnx_file_and_a_shipped_policy_fly_as_their_checkpoint(typed, runs, 
 
 
 def loaded_by(*words):
-    """Return the exit code of a command in a process of its own, and whether it loaded Ray or Torch."""
+    """Return the exit code of a command in a separate process, and whether it loaded Ray or Torch."""
     code = (
         "import sys; from safe_inspect.cli.main import main; code = main(sys.argv[1:])\n"
         "print(code, bool({'ray', 'torch'} & set(sys.modules)))"
@@ -379,9 +379,9 @@ def test_a_checkpoint_of_another_task_or_damaged_is_refused(typed, runs, here):
 def test_evaluations_side_by_side(typed, evaluations):
     code, out, err = typed("compare", evaluations / "zero-thrust", evaluations / "random", "--json", "c.json")
     assert (code, err) == (0, "")
-    told = json.loads(Path("c.json").read_text())
+    shown = json.loads(Path("c.json").read_text())
     one, other = (read_evaluation(evaluations / name).team.figures["delta-v"] for name in ("zero-thrust", "random"))
-    assert told["differences"]["delta-v"]["random"]["mean"] == pytest.approx((other - one).mean())
+    assert shown["differences"]["delta-v"]["random"]["mean"] == pytest.approx((other - one).mean())
     assert "random less zero-thrust, episode by episode:" in out
     (line,) = [line for line in out.partition("less")[2].splitlines() if line.startswith("  delta-v  ")]
     assert " * " in line
@@ -410,7 +410,7 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         ),
     ):
         assert typed("evaluate", "random", "--output", name, *words)[0] == 0
-    for name, told in (
+    for name, shown in (
         ("seed", "the seed is 0 in one and 1 in the other"),
         ("count", "the number of episodes is 6 in one and 5 in the other"),
         ("horizon", "their tasks differ in agents[0].dones["),
@@ -418,7 +418,7 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
     ):
         code, out, err = typed("compare", first, name)
         assert (code, out) == (2, "")
-        assert told in err
+        assert shown in err
         assert "evaluate both with the same --seed, --episodes and --cfg" in err
     assert "two or more are compared" in typed("compare", first)[2]
     both = (evaluations / "random", evaluations / "zero-thrust")
@@ -440,7 +440,7 @@ def test_returns_of_other_rewards_are_not_compared(typed, evaluations):
 
 
 @pytest.mark.parametrize(
-    ("file", "content", "told"),
+    ("file", "content", "shown"),
     [
         ("episodes.parquet", b"PAR1", "episodes.parquet: the file was damaged"),
         ("episodes.parquet", None, "episodes.parquet: the file cannot be read"),
@@ -449,17 +449,17 @@ def test_returns_of_other_rewards_are_not_compared(typed, evaluations):
         ("evaluation.json", b'{"format": 99}', "the file was written by another version of safe_inspect"),
     ],
 )
-def test_damaged_evaluations_are_told(typed, evaluations, here, file, content, told):
+def test_damaged_evaluations_are_reported(typed, evaluations, here, file, content, shown):
     shutil.copytree(evaluations / "random", here / "bad")
     (here / "bad" / file).unlink()
     if content is not None:
         (here / "bad" / file).write_bytes(content)
     code, out, err = typed("compare", evaluations / "random", "bad")
     assert (code, out) == (2, "")
-    assert told in err
+    assert shown in err
 
 
-def test_damaged_trajectories_are_told(evaluations, here):
+def test_damaged_trajectories_are_reported(evaluations, here):
     from safe_inspect.evaluation.results.results import EvaluationError
 
     shutil.copytree(evaluations / "random", here / "bad")
@@ -473,6 +473,6 @@ def test_damaged_trajectories_are_told(evaluations, here):
 def test_the_bar_on_a_terminal(capsys, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     assert main(["evaluate", "zero-thrust", *SHORT]) == 0
-    told = capsys.readouterr().err
-    assert f"zero-thrust  [{'#' * 40}] 100 %" in told
-    assert told.endswith("\r\x1b[K")
+    shown = capsys.readouterr().err
+    assert f"zero-thrust  [{'#' * 40}] 100 %" in shown
+    assert shown.endswith("\r\x1b[K")

@@ -31,7 +31,7 @@ OPTIONS = dict(options())
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_the_help_tells_the_default(name: str) -> None:
+def test_the_help_states_the_default(name: str) -> None:
     action = OPTIONS[name]
     assert action.help
     told = re.search(r"\(default: ([^;,)]+?)(?: \w+)?\)", action.help)

@@ -40,7 +40,7 @@ def typed(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["--verison"], "unrecognized arguments: --verison; did you mean `--version`?"),
         (["-x", "list"], "unrecognized arguments: -x; known: --help, --version"),
@@ -79,16 +79,16 @@ def typed(capsys):
         (["draw", "random", "--until", "0"], "a time above 0 in seconds is wanted, not '0'"),
     ],
 )  # fmt: skip
-def test_one_line_says_what_to_do(typed, here, words, told):
+def test_one_line_says_what_to_do(typed, here, words, shown):
     code, out, err = typed(*words)
     assert (code, out) == (2, "")
-    assert told in err
+    assert shown in err
     assert len(err.splitlines()) == 1
     assert not list(here.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "shown"),
     [
         (["--missions", "3"], "--missions has been removed; fly many by `safe-inspect evaluate"),
         (["--dry-run", "chaser.position=[0, 0, 0]"], "the chaser would overlap the target"),
@@ -96,11 +96,11 @@ def test_one_line_says_what_to_do(typed, here, words, told):
          "none.stl: the mesh cannot be read"),
     ],
 )  # fmt: skip
-def test_a_mission_is_refused_before_it_is_flown_or_printed(typed, words, told):
+def test_a_mission_is_refused_before_it_is_flown_or_printed(typed, words, shown):
     code, out, err = typed("rendezvous", RENDEZVOUS, *words)
     assert (code, out) == (2, "")
     (line,) = [line for line in err.splitlines() if not line.startswith("loading; ")]
-    assert told in line
+    assert shown in line
 
 
 def test_a_warning_is_one_line_without_source_code():
@@ -146,13 +146,13 @@ def test_files_that_are_none(typed):
     os.mkfifo("fifo")
     os.symlink("loop", "loop")
     os.symlink("gone.yml", "broken")
-    for name, told in (
+    for name, shown in (
         ("fifo", "fifo:1: the file is empty"),
         ("loop", "cannot read 'loop', a link to 'loop': Too many levels of symbolic links"),
         ("broken", "cannot read 'broken', a link to 'gone.yml': No such file or directory"),
     ):
         code, _, err = typed("validate", name)
-        assert (code, told in err) == (2, True), err
+        assert (code, shown in err) == (2, True), err
 
 
 @pytest.mark.parametrize("text", ["[" * 20_000, "[" * 20_000 + "]" * 20_000, "{a: " * 20_000])
@@ -202,5 +202,5 @@ def test_a_closed_output_loses_nothing(here):
 def test_a_removed_working_directory_is_one_line(here):
     for command in ('-c "$1" list tasks', "-m safe_inspect.train_rl --dry-run x.yml"):
         done = shell(f'mkdir gone; cd gone; rmdir ../gone; "$0" {command}', here)
-        told = "error: the working directory has been removed; change to one that exists\n"
-        assert (done.returncode, done.stderr) == (2, told)
+        shown = "error: the working directory has been removed; change to one that exists\n"
+        assert (done.returncode, done.stderr) == (2, shown)

@@ -110,7 +110,7 @@ def test_a_mistake_that_a_training_meets_gets_its_place(
     assert typed("train", EXPERIMENT)[0] == 128 + signal.SIGINT
 
 
-def test_a_training_that_goes_on_takes_the_configuration_of_its_run(
+def test_a_training_that_continues_takes_the_configuration_of_its_run(
     typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path
 ) -> None:
     given: list[Any] = []

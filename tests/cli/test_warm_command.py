@@ -41,7 +41,7 @@ def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path: Path) -> None:
     assert float(run("-c", AGAIN)) == 0.0
 
 
-def test_a_mistake_is_told_before_anything_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mistake_is_reported_before_anything_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["warm", "safe_inspect/Docking-v0", "safe_inspect/Dokcing-v0"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

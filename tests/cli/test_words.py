@@ -234,7 +234,7 @@ def test_streams_that_are_closed_take_what_is_printed(monkeypatch: pytest.Monkey
         ("a", ["a", "a-2"], "a-3"), ("a", ["b"], "a"), ("a.b_c-d", [], "a.b_c-d"),
     ],
 )  # fmt: skip
-def test_a_label_becomes_a_folder_of_its_own(label: str, taken: list[str], name: str) -> None:
+def test_a_label_becomes_its_own_folder(label: str, taken: list[str], name: str) -> None:
     assert evaluate._new_name(label, taken) == name
 
 
@@ -250,7 +250,7 @@ def test_a_page_names_the_command_that_makes_it(words: list[str], command: str) 
     assert leaderboard._command(parse_arguments(command_parser(), ["leaderboard", *words])) == command
 
 
-def test_sources_and_overrides_are_told_apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_sources_and_overrides_are_distinguished(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a:b").write_text("")
     found = parse_arguments(

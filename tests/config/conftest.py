@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """Write files into a folder of their own, which becomes the working directory."""
+    """Write files into a new folder, which becomes the working directory."""
     monkeypatch.chdir(tmp_path)
 
     def write_files(files: dict[str, str | bytes]) -> Path:

@@ -14,7 +14,7 @@ def problems(name: str) -> list[str]:
     return [str(problem) for problem in caught.value.problems]
 
 
-def test_beside_the_including_file(write):
+def test_next_to_the_including_file(write):
     write(
         {
             "x/a.yml": "b: !include ./b.yml\nup: !include ../up.yml\n",
@@ -43,7 +43,7 @@ def test_working_directory_before_the_repository(write, monkeypatch):
     assert locate(load(a), ("b", "of")) == Location(str(root / "repo/configs/task/b.yml"), 1, 1)
 
 
-def test_an_experiment_beside_configs_finds_them_from_anywhere(write, monkeypatch):
+def test_an_experiment_next_to_configs_finds_them_from_anywhere(write, monkeypatch):
     root = write({"repo/mine/a.yml": "b: !include configs/b.yml\n", "repo/configs/b.yml": "1", "else/file": ""})
     monkeypatch.chdir(root / "else")
     assert load(root / "repo/mine/a.yml") == {"b": 1}
@@ -90,7 +90,7 @@ def test_a_missing_include_is_reported_at_its_tag(write):
     assert problem.endswith("; did you mean `configs/task/agent.yml`?")
 
 
-def test_a_missing_include_beside_the_file(write):
+def test_a_missing_include_next_to_the_file(write):
     write({"x/a.yml": "x: !include ./parameter.yml\ny: !include parameters.yml\n", "x/parameters.yml": "{}"})
     first, second = problems("x/a.yml")
     assert first == (

@@ -1,4 +1,4 @@
-"""The tables of the keys of RLlib, Tune and Ray, whole: what each key takes, and which old names stand for it.
+"""The complete tables of the keys of RLlib, Tune and Ray: what each key takes, and which old names mean it.
 
 A table that is changed on purpose is recorded again by
 

@@ -25,7 +25,7 @@ def rewards(experiment):
     return {named.name: named.functor for named in experiment.spec.agents[0].rewards}
 
 
-def test_short_keys_stand_for_their_places(layered):
+def test_short_keys_mean_their_places(layered):
     short = layered(
         "- env_config: {horizon: 99}\n"
         "  tune_config: {stop: {num_env_steps_sampled_lifetime: 7}}\n"

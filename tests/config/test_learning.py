@@ -1,4 +1,4 @@
-"""Mistakes in what an experiment says to RLlib, Tune and Ray are told where they stand; nothing here loads Ray."""
+"""Mistakes in the settings for RLlib, Tune and Ray are reported with their place; nothing here loads Ray."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_an_algorithm_that_cannot_learn_the_actions_is_refused(file, overrides, 
         assert problem.location is not None
 
 
-def test_every_mistake_is_told_at_once():
+def test_every_mistake_is_reported_at_once():
     found = problems(load_experiment(SEED, [_DQN, "rewards=[]"]), [Problem("wrong", "tune_config.stop")])
     assert len(found) == 3
     assert found[2].message == "blue0_ctrl: no reward, so that nothing can be learned; add one to `rewards`"
@@ -71,9 +71,9 @@ def test_every_mistake_is_told_at_once():
         (TEAM, "policies.blue1_ctrl.lr", "agent_config[0].policy.config.lr", "lr:"),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_where_it_stands(file, path, place, line):
-    (found,) = placed(load_experiment(file), [Problem("wrong", path, hint="mend it")])
-    assert (found.message, found.hint) == ("wrong", "mend it")
+def test_a_mistake_is_reported_with_its_place(file, path, place, line):
+    (found,) = placed(load_experiment(file), [Problem("wrong", path, hint="fix it")])
+    assert (found.message, found.hint) == ("wrong", "fix it")
     assert found.path == place
     text = Path(found.location.file).read_text(encoding="utf-8").splitlines()[found.location.line - 1]
     assert line in text

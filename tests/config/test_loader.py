@@ -211,7 +211,7 @@ def test_an_unreadable_file(write, monkeypatch):
     assert problems("a.yml") == ["cannot read 'a.yml': Permission denied"]
 
 
-def test_aliases_that_stand_for_billions_of_values_are_refused_at_once(write):
+def test_aliases_that_mean_billions_of_values_are_refused_at_once(write):
     rows = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
     write({"a.yml": "\n".join(["a0: &a0 [1]", *rows])})
     began = time.process_time()

@@ -237,7 +237,7 @@ def test_a_key_that_stands_elsewhere_is_to_be_written_alone(path):
         load_experiment("configs/translational-inspection/experiment.yml", [f"{path}=5"])
 
 
-def test_a_key_that_its_mapping_may_not_have_is_told_those_that_it_may():
+def test_a_key_that_its_mapping_may_not_have_lists_those_that_it_may():
     file = "configs/multiagent-translational-inspection/experiment.yml"
     with pytest.raises(ConfigError, match=r"`separation` in `env_config.rta.config`; known: `collision_radius`"):
         load_experiment(file, ["env_config.rta.config.separation=1"])
@@ -290,7 +290,7 @@ def test_a_short_key_that_only_a_plugin_has_is_shown_with_its_place(recwarn):
     assert not recwarn.list
 
 
-def test_a_number_that_stands_in_several_places_is_replaced_in_all_as_the_message_says():
+def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_message_says():
     with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
         load_experiment(SHIPPED, ["mass=20"])
     every = str(refused.value).partition("to replace each, write ")[2].split()

@@ -77,7 +77,7 @@ def test_a_needed_field_may_come_from_a_reference():
     ]
 
 
-def test_what_is_wrapped_stands_beside_the_config():
+def test_what_is_wrapped_is_next_to_the_config():
     schema = functor_schemas("trial_schema")["HoldingTrial"]
     assert schema["required"] == ["functor", "wrapped"]
     assert schema["properties"]["wrapped"]["type"] == "object"

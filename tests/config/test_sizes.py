@@ -1,4 +1,4 @@
-"""The limit of how many values a configuration may stand for."""
+"""The limit on the number of values that a configuration may expand to."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import pytest
 from safe_inspect.config.loading.loader import MAX_VALUES, load
 from safe_inspect.errors import ConfigError
 
-#: A list of 1,998 numbers, which with itself stands for 1,999 values, a hundred times; 99 more numbers; the mapping.
+#: A list of 1,998 numbers, which counts as 1,999 values with itself, a hundred times; 99 more numbers; the mapping.
 _LISTS = "\n".join([f"a: &a [{', '.join(['1'] * 1998)}]", *(f"a{index}: *a" for index in range(99))])
 _NUMBERS = "\n".join(f"b{index}: 1" for index in range(99))
 _REFUSED = r"stands for 2(\.02)?e\+05 values; at most 200,000 are read"
 
 
-def test_numbers_lists_and_what_aliases_stand_for_count_alike(write) -> None:
+def test_numbers_lists_and_the_values_of_aliases_count_alike(write) -> None:
     assert MAX_VALUES == 100 * 1_999 + 99 + 1
     most = f"{_LISTS}\n{_NUMBERS}\n"
     write(
@@ -26,7 +26,7 @@ def test_numbers_lists_and_what_aliases_stand_for_count_alike(write) -> None:
 
 
 def test_what_is_included_counts_each_time(write) -> None:
-    """A file of 20 lists of 4 numbers stands for 101 values, 1,900 or 2,000 times."""
+    """A file of 20 lists of 4 numbers counts as 101 values, 1,900 or 2,000 times."""
     include = "!include ./part.yml"
     write(
         {

@@ -46,7 +46,7 @@ def test_other_entries_stay_as_they_are_and_keep_their_order():
     assert names(given_tree, "agent_config")[1] == "blue#_ctrl"  # the tree itself is not changed
 
 
-def test_two_templates_have_platforms_of_their_own():
+def test_two_templates_have_their_own_platforms():
     expanded = expand_templates(
         tree(
             '[{name: "blue#_ctrl", count: 2, platforms: ["blue#"]},'
@@ -69,7 +69,7 @@ def test_two_templates_have_platforms_of_their_own():
         ("[{name: b, platforms: [b]}]", "platform_config[0].name", "no agent controls platforms 'blue#'"),
     ],
 )
-def test_a_mistake_is_told_where_it_stands(agents, path, words):
+def test_a_mistake_is_reported_with_its_place(agents, path, words):
     problems = []
     expand_templates(tree(agents), problems)
     assert path in [problem.path for problem in problems]

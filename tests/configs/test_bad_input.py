@@ -86,7 +86,7 @@ def test_a_mistake_that_shows_elsewhere(copied, mistake):
         assert words in str(caught.value)
 
 
-def test_all_mistakes_of_a_kind_are_told_together(copied):
+def test_all_mistakes_of_a_kind_are_reported_together(copied):
     names = ["a key of a reward", "a part", "a unit", "a negative radius", "a text for a number", "a done",
              "a reference to nothing", "a key of the task"]  # fmt: skip
     chosen = [mistake for mistake in MISTAKES if mistake.name in names]
@@ -97,7 +97,7 @@ def test_all_mistakes_of_a_kind_are_told_together(copied):
     assert {f"{problem.location} {problem.path}" for problem in caught.value.problems} == places
 
 
-def test_all_wrong_names_are_told_together(copied):
+def test_all_wrong_names_are_reported_together(copied):
     names = ["a sensor in a glue", "a controller in a glue", "an entity in a sensor", "two rewards of one name",
              "an accessor to no state", "an unused reset parameter", "a horizon among the dones"]  # fmt: skip
     chosen = [mistake for mistake in MISTAKES if mistake.name in names]

@@ -54,7 +54,7 @@ def test_a_name_that_is_near_no_task_is_looked_for_as_a_file(tmp_path: Path, mon
         load_experiment("Docking-v1")
 
 
-def test_a_former_id_stands_for_the_present_one_with_a_warning() -> None:
+def test_a_former_id_means_the_present_one_with_a_warning() -> None:
     with pytest.warns(FutureWarning) as caught:
         experiment = load_experiment("safe_inspect/TranslationalInspection-v0")
     assert [str(one.message) for one in caught] == [
@@ -182,7 +182,9 @@ def test_a_value_is_shown_shortly(value: Any, text: str) -> None:
          ("wants 'loose' or 'tight', got 3", "")),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_in_plain_words(kind: str, said: str, more: dict[str, Any], shown: tuple[str, str]) -> None:
+def test_a_mistake_is_reported_in_plain_words(
+    kind: str, said: str, more: dict[str, Any], shown: tuple[str, str]
+) -> None:
     assert message({"type": kind, "msg": said, **more}) == shown
 
 

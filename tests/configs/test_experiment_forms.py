@@ -1,11 +1,11 @@
-"""The peer's other ways to write an experiment."""
+"""Other forms of an experiment that safe-autonomy-sims allows."""
 
 from __future__ import annotations
 
 from safe_inspect.config.experiment import load_experiment
 
 
-def test_lists_stand_for_mappings(copied, shipped):
+def test_lists_mean_mappings(copied, shipped):
     (copied / "lists.yml").write_text(
         """\
 config: !include ./task-seed.yml
@@ -20,7 +20,7 @@ agent_config:
     assert (lists.rllib, lists.algorithm) == (shorter.rllib, shorter.algorithm)
 
 
-def test_plain_paths_stand_for_includes(copied, shipped):
+def test_plain_paths_mean_includes(copied, shipped):
     (copied / "paths.yml").write_text(
         """\
 config: configs/translational-inspection/task-seed.yml
@@ -71,7 +71,7 @@ ALIASES = {
 }  # fmt: skip
 
 
-def test_the_peers_names_stand_for_ours(copied, shipped):
+def test_names_of_safe_autonomy_sims_mean_ours(copied, shipped):
     for file, names in ALIASES.items():
         text = (copied / file).read_text()
         for ours, theirs in names.items():

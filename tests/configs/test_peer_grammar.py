@@ -25,7 +25,7 @@ def experiment(tmp_path: Path) -> Path:
     return tmp_path / "files" / "experiment.yml"
 
 
-def test_docking_in_the_peers_grammar_is_docking(experiment):
+def test_docking_in_the_grammar_of_safe_autonomy_sims_is_docking(experiment):
     theirs = load_experiment(experiment)
     ours = load_experiment(configs_root() / "docking" / "experiment.yml")
     environments = [BatchedEnvironment(each.spec, 8, seed=4) for each in (ours, theirs)]
@@ -40,7 +40,7 @@ def test_docking_in_the_peers_grammar_is_docking(experiment):
         np.testing.assert_array_equal(one.status, other.status)
 
 
-def test_six_dof_inspection_in_the_peers_grammar_is_six_dof_inspection():
+def test_six_dof_inspection_in_the_grammar_of_safe_autonomy_sims_is_six_dof_inspection():
     theirs = load_experiment(FILES / "six_dof" / "experiment.yml")
     ours = load_experiment(configs_root() / "weighted-six-dof-inspection" / "experiment.yml")
     environments = [BatchedEnvironment(each.spec, 8, seed=4) for each in (ours, theirs)]
@@ -89,7 +89,7 @@ def test_a_body_of_no_kind_is_named(experiment):
         load_experiment(experiment)
 
 
-def test_three_deputies_that_turn_in_the_peers_grammar_see_22_numbers():
+def test_three_deputies_that_turn_in_the_grammar_of_safe_autonomy_sims_see_22_numbers():
     spec = load_experiment(FILES / "six_dof_team" / "experiment.yml").spec
     env = TeamEnvironment(spec, 4, seed=4)
     first = env.reset()[0]
@@ -108,7 +108,7 @@ def test_three_deputies_that_turn_in_the_peers_grammar_see_22_numbers():
         state.orientation[:, :3], state.angular_velocity[:, :3] / 0.05,
     ]  # fmt: skip
     np.testing.assert_allclose(found.observation, np.concatenate(expected, axis=-1), rtol=1e-6, atol=1e-7)
-    assert (uninspected == uninspected[:, :1]).all()  # all are told where blue0 should look
+    assert (uninspected == uninspected[:, :1]).all()  # all observe where blue0 should look
     assert list(found.terms) == [
         "ObservedPointsReward", "SafeInspectionSuccessReward", "InspectionCrashReward", "InspectionDeltaVReward",
     ]  # fmt: skip
@@ -149,7 +149,7 @@ def test_a_wrong_extension_is_named(tmp_path, text, words):
         load(tmp_path / "file.yml")
 
 
-def test_items_of_a_file_stand_in_the_list(tmp_path):
+def test_items_of_a_file_are_in_the_list(tmp_path):
     (tmp_path / "list.yml").write_text("[1, {b: 2}]")
     (tmp_path / "file.yml").write_text("a: [0, !include-extend ./list.yml, 3, !include-extend ./list.yml]")
     assert load(tmp_path / "file.yml") == {"a": [0, 1, {"b": 2}, 3, 1, {"b": 2}]}

@@ -1,6 +1,6 @@
-"""The peer's published environment and agent files load as they are and give the same environment as ours.
+"""Published environment and agent files of safe-autonomy-sims load unchanged and give the same environment as ours.
 
-Their text is no part of this repository. It is looked for in `shared/seeds` beside it.
+Their text is not part of this repository. It is expected in `shared/seeds` next to the repository.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def blocks(text: str) -> dict[str, str]:
     return {"environment.yml": "{\n" + environment + "\n}\n", "agent.yml": text[agent:end].rstrip() + "\n"}
 
 
-@pytest.mark.skipif(not PUBLISHED, reason="the published files are not in shared/seeds beside the repository")
+@pytest.mark.skipif(not PUBLISHED, reason="the published files are not in shared/seeds next to the repository")
 def test_the_published_files_give_the_same_environment(copied, shipped):
     ours = load_experiment(shipped)
     for name, text in blocks(PUBLISHED[0].read_text(encoding="utf-8")).items():
@@ -55,7 +55,7 @@ def test_the_published_files_give_the_same_environment(copied, shipped):
     assert environments[0].state.points["chief"].team_count.min() > 0
 
 
-@pytest.mark.skipif(not PUBLISHED_TEAM, reason="the published files are not in shared/seeds beside the repository")
+@pytest.mark.skipif(not PUBLISHED_TEAM, reason="the published files are not in shared/seeds next to the repository")
 def test_the_published_files_of_several_agents_load_with_a_note_on_a_name_that_nobody_has(copied, long_form):
     ours = copied.parent / "multiagent-translational-inspection"
     shutil.copytree(long_form / ours.name, ours)

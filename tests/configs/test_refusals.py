@@ -11,7 +11,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 
-#: What stands for a long path in ``refusals.yml``, as overrides write it and as messages do.
+#: Abbreviations of long paths in ``refusals.yml``, as overrides write the paths and as messages do.
 PATHS = {
     "AGENT": ("agent_config.0.config.config", "agent_config[0].config.config"),
     "ENVIRONMENT": ("config.config.env_config", "config.config.env_config"),

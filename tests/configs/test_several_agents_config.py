@@ -19,7 +19,7 @@ AGENT = "blue#_ctrl"
 
 @pytest.fixture
 def team(tmp_path, monkeypatch, long_form):
-    """Return a copy of the written-out folder of several agents beside that of one."""
+    """Return a copy of the written-out folder of several agents, next to that of one."""
     for name in ("translational-inspection", "multiagent-translational-inspection"):
         shutil.copytree(long_form / name, tmp_path / "configs" / name)
     monkeypatch.chdir(tmp_path)
@@ -94,7 +94,7 @@ def test_policies_keep_what_differs_and_share_what_does_not(team):
     assert [policy.config for policy in experiment.policies.values()] == [{"lr": 1.0e-4}, {"lr": 2.0e-4}]
 
 
-def test_scripted_agents_and_checkpoints_stand_beside_one_that_learns(team):
+def test_scripted_agents_and_checkpoints_fly_with_one_that_learns(team):
     agents = "\n".join(
         (
             entry("learner", "x"),
@@ -179,7 +179,7 @@ def test_a_success_function_that_no_agent_has_is_noted(team):
     environment.step([np.zeros((2, group.size, group.action_layout.size)) for group in environment.acting])
 
 
-def test_a_mistake_in_a_template_is_told_once(team):
+def test_a_mistake_in_a_template_is_reported_once(team):
     agent = team.parent / "translational-inspection" / "agent.yml"
     agent.write_text(agent.read_text().replace("config: {scale: 0.01}", "config: {scael: 0.01}"))
     with pytest.raises(ConfigError) as caught:

@@ -8,7 +8,7 @@ from safe_inspect.plugins import Plugin
 
 
 def made(base: type[Plugin], doc: str = "Do something.", /, **members: Any) -> type[Plugin]:
-    """Return a subclass, registered under a name that tells its base, with a docstring and further members."""
+    """Return a subclass, registered under a name that contains its base, with a docstring and further members."""
     name = f"Made{base.__name__}"
     own = {"__doc__": doc, "__module__": __name__, "__qualname__": name, **members}
     return type(base)(name, (base,), own)

@@ -46,7 +46,7 @@ def test_a_good_plugin_passes() -> None:
 
 
 class TestDeclaration:
-    def test_what_is_no_plugin(self) -> None:
+    def test_what_is_not_a_plugin(self) -> None:
         with pytest.raises(TypeError, match="no plugin"):
             check_plugin(int)  # type: ignore[arg-type]
         with pytest.raises(TypeError, match="no plugin"):

@@ -114,7 +114,7 @@ class TestPolicy:
                 return np.full(view.num_rows, limits.high[0])
 
         class ForgetfulPolicy(ScriptedPolicy):
-            """Thrust by a counter of its own."""
+            """Thrust that depends on a separate counter."""
 
             def __call__(self, view, limits):
                 calls = self.__dict__.setdefault("calls", [])

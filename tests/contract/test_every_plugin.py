@@ -45,7 +45,7 @@ def _mesh_file() -> str:
     return str(path)
 
 
-#: Plugins whose defaults alone are no plugin: the shipped experiment has one of them.
+#: Plugins that cannot be built from their defaults alone: the shipped experiment has one of them.
 _NEEDS_FIELDS = {
     ("parameter", "RejectionSampler"): lambda: sample_spec().reset.parameters["init_state"],
     ("target_model", "MeshTarget"): lambda: MeshTarget(path=_mesh_file()),
@@ -57,7 +57,7 @@ _PLUGINS = [
     pytest.param(kind, name, id=f"{kind}-{name}")
     for kind in registry.kinds()
     for name, cls in registry.items(kind)
-    if cls.__module__.startswith("safe_inspect.")  # other tests define plugins of their own
+    if cls.__module__.startswith("safe_inspect.")  # other tests define further plugins
 ]
 
 

@@ -112,7 +112,7 @@ def test_taken_rows_are_copies() -> None:
     assert not (step.control == 9.0).any()
 
 
-def test_parts_stand_on_the_deputy() -> None:
+def test_parts_are_on_the_deputy() -> None:
     further = UninspectedPointsSensor(name="Second")
     names = set(sample_spec(parts=[further]).agents[0].parts)
     assert {"Second", "RateController", "Sensor_EntityPosition", "Sensor_Position", "X Thrust"} <= names

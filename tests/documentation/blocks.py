@@ -53,13 +53,13 @@ def run_page(page: Path, replace: dict[str, str], output: Callable[[], str], cha
 
     Args:
         page: The page.
-        replace: What stands in for values that take a reader minutes; each must occur.
+        replace: Replacements of values that would take minutes to run; each must occur.
         output: Returns what has been printed since its last call.
         change: Gives the words of a command that take a test seconds.
     """
     names: dict[str, Any] = {"__name__": "__main__"}
     used: set[str] = set()
-    told = ""
+    shown = ""
     for block in blocks_of(page):
         text = block.text
         for old, new in replace.items():
@@ -74,10 +74,10 @@ def run_page(page: Path, replace: dict[str, str], output: Callable[[], str], cha
             for words in Block("bash", "", text).commands():
                 code = run_command(change(words))
                 assert code == 0 if "fails" not in block.info else code in (1, 2), words
-            told = output()
+            shown = output()
         elif block.language == "text":
             expected = ".*".join(
                 r"\s+".join(map(re.escape, line.split())) for line in re.split(r"\.\.\.\n?", text.strip())
             )
-            assert re.search(expected, told, re.DOTALL), f"{page.name} shows\n{text}\nand the command tells\n{told}"
+            assert re.search(expected, shown, re.DOTALL), f"{page.name} shows\n{text}\nand the command shows\n{shown}"
     assert used == set(replace), "a replacement of the test is no longer needed"

@@ -38,7 +38,7 @@ def _words(words: list[str]) -> list[str]:
 
 @pytest.fixture
 def run(monkeypatch, tmp_path, capsys, clean_registry) -> Iterator[Callable[[str], None]]:
-    """Return a function that runs a tutorial in a folder of its own."""
+    """Return a function that runs a tutorial in a new folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     before = set(sys.modules)

@@ -1,4 +1,4 @@
-"""Done functions beside those that the episode by hand covers: their settings and statuses."""
+"""Done functions that the episode by hand does not cover: their settings and statuses."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ class TestSetAll:
 
 
 @pytest.mark.parametrize("name", ["CollisionDoneFunction", "MultiagentSuccessDoneFunction"])
-def test_the_names_of_the_peer(name: str) -> None:
+def test_the_names_of_safe_autonomy_sims(name: str) -> None:
     made = build("shared_done", {"functor": f"safe_autonomy_sims.dones.common_dones.{name}"})
     assert type(made).__name__ == name
     assert isinstance(made, SharedDoneFunction)

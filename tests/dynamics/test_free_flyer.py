@@ -117,7 +117,7 @@ def test_actuators_saturate_scale_lag_and_err() -> None:
     assert (simulation.flown != before).all()
 
 
-def test_a_row_alone_and_in_a_batch_agree_to_the_bit() -> None:
+def test_a_row_alone_and_in_a_batch_agree_bit_for_bit() -> None:
     flyer = FreeFlyer(lag=0.05, mean_motion=1e-3)
     start, command = _start(5), np.random.default_rng(1).normal(size=(5, 6))
     together, _, _ = _fly(flyer, start, command, 25)

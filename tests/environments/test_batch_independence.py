@@ -1,4 +1,4 @@
-"""A row of a batch is the environment alone, to the bit, whatever the batch, the split and the order of resets."""
+"""A row of a batch is bit-identical to the environment alone, for any batch, split and order of resets."""
 
 from __future__ import annotations
 

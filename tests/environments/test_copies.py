@@ -1,4 +1,4 @@
-"""Copies and pickles of every façade, taken in mid-episode, fly what the original flies, to the bit."""
+"""Copies and pickles of every façade, taken in mid-episode, fly bit-identically to the original."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EXPERIMENTS = sorted(
 
 
 def plain(value: Any) -> Any:
-    """Return a result with its arrays as bytes, so that results compare to the bit."""
+    """Return a result with its arrays as bytes, so that a comparison is exact."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
@@ -81,7 +81,7 @@ def fly(env: Any, steps: int, seed: int) -> list[Any]:
 
 @pytest.mark.parametrize("copier", COPIERS)
 @pytest.mark.parametrize("facade", FACADES)
-def test_a_copy_taken_in_mid_episode_goes_on_as_the_original(facade, copier):
+def test_a_copy_taken_in_mid_episode_continues_as_the_original(facade, copier):
     env = FACADES[facade]()
     env.reset(seed=7)
     fly(env, 5, seed=1)
@@ -129,7 +129,7 @@ def test_copies_of_an_environment_that_was_never_reset():
     assert plain(copy.deepcopy(env).reset(seed=1)) == plain(env.reset(seed=1))
 
 
-def test_a_copy_has_memory_of_its_own():
+def test_a_copy_has_its_own_memory():
     env = TeamEnvironment(load_spec(ONE), 2, seed=1)
     env.reset()
     copied = copy.deepcopy(env)

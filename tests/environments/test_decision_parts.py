@@ -1,4 +1,4 @@
-"""Environments whose decisions go on are stepped without those that wait, and nothing of it can be seen."""
+"""Environments whose decisions continue are stepped without those that wait, with no effect on the results."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def flown(path, overrides, divisible, monkeypatch, steps=40, count=70):
 @pytest.mark.parametrize(
     ("path", "overrides"), [(ONE, SOON), (TEAM, (*SOON[:2], NO_FILTER))], ids=["one deputy", "three deputies"]
 )
-def test_a_batch_in_parts_is_the_whole_batch_to_the_bit(path, overrides, monkeypatch):
+def test_a_batch_in_parts_is_the_whole_batch_bit_for_bit(path, overrides, monkeypatch):
     whole, sizes = flown(path, overrides, False, monkeypatch)
     assert sizes == {70}
     parts, sizes = flown(path, overrides, True, monkeypatch)

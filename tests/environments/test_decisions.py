@@ -227,7 +227,7 @@ def test_a_metric_counts_decisions():
     assert episodes.metrics["decisions"].tolist() == np.ceil(episodes.length / 16).tolist()
 
 
-def test_the_coast_is_one_of_a_few_choices_beside_levels():
+def test_the_coast_is_one_of_a_few_choices_in_addition_to_levels():
     env = safe_inspect.make(
         LEVELS,
         ["RTAGlueCWHInspection1v1.wrapped.2={functor: CoastGlue, config: {durations: [1, 5]}}"],

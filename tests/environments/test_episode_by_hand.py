@@ -57,7 +57,7 @@ def test_a_sun_on_the_other_side_lights_nothing_that_is_seen(fixed_start):
     env = BatchedEnvironment(fixed_start((60.0, 0.0, 0.0), sun_angle=math.pi))
     env.reset()
     assert env.state.points["chief"].team_count[0] == 0
-    # The quarter turned sun stands at -y and lights half of what is seen.
+    # After a quarter turn, the sun is at -y and lights half of what is seen.
     quarter = BatchedEnvironment(fixed_start((60.0, 0.0, 0.0), sun_angle=math.pi / 2))
     quarter.reset()
     points = fibonacci()

@@ -12,7 +12,7 @@ from safe_inspect.errors import ArgumentError, SafeInspectError
 ID = "safe_inspect/TranslationalInspection-v1"
 
 
-def test_an_index_stands_for_levels():
+def test_an_index_means_levels():
     flat, plain = FlatDiscreteActions(safe_inspect.make(ID)), safe_inspect.make(ID)
     assert flat.action_space.n == 27
     flat.reset(seed=4)

@@ -1,4 +1,4 @@
-"""The fused step gives what the plugins themselves give, to the bit: every number, every name, every memory."""
+"""The fused step is bit-identical to the plugins themselves: every number, every name, every memory."""
 
 from __future__ import annotations
 

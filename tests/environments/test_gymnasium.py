@@ -138,7 +138,7 @@ def test_make_vec_steps_a_large_batch():
     assert reward.shape == terminated.shape == truncated.shape == info["delta_v"].shape == (1024,)
 
 
-def test_next_step_resets_in_a_step_of_its_own(spec):
+def test_next_step_resets_in_a_separate_step(spec):
     env, flights = vector(AutoresetMode.NEXT_STEP), singly(spec)
     observation, info = env.reset(seed=SEED)
     ended = np.zeros(NUM_ENVS, dtype=bool)
@@ -163,7 +163,7 @@ def test_next_step_resets_in_a_step_of_its_own(spec):
     assert resets > NUM_ENVS
 
 
-def test_same_step_tells_the_end_in_final_obs(spec):
+def test_same_step_gives_the_end_in_final_obs(spec):
     env, flights = vector(AutoresetMode.SAME_STEP), singly(spec)
     env.reset(seed=SEED)
     ends = {"terminated": 0, "truncated": 0}

@@ -1,4 +1,4 @@
-"""Actions that are NaN or infinite: an error, or where the filter is told so the backup of that row alone."""
+"""Actions that are NaN or infinite: an error, or, if the filter is configured so, the backup of that row alone."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def test_the_row_flies_its_backup_and_the_others_what_they_ask_for(bad, disturbe
         broken = action.copy()
         broken[3, 0, 1] = bad
         found, usual = env.step([broken]).groups[0], other.step([action]).groups[0]
-        told = transition_info(found)["rta/invalid_action"]
-        np.testing.assert_array_equal(told, np.arange(6) == 3)
+        shown = transition_info(found)["rta/invalid_action"]
+        np.testing.assert_array_equal(shown, np.arange(6) == 3)
         assert not transition_info(usual)["rta/invalid_action"].any()
         np.testing.assert_array_equal(found.step.desired_control[3], backup)
         np.testing.assert_allclose(found.step.control[3], backup, atol=0.05 if disturbed else 1e-9)
@@ -114,7 +114,7 @@ def test_an_evaluation_counts_them():
     assert "InvalidActions" not in {type(metric).__name__ for metric in default_metrics(spec(ON[0]))}
 
 
-def test_an_action_of_another_shape_is_told_as_the_caller_sees_it():
+def test_an_action_of_another_shape_is_reported_as_the_caller_sees_it():
     single, vector = safe_inspect.make(ID), safe_inspect.make_vec(ID, 2)
     single.reset(seed=0)
     vector.reset(seed=0)
@@ -132,7 +132,7 @@ def test_a_number_of_environments_is_a_whole_one(number):
 
 
 @pytest.mark.parametrize(
-    ("action", "told"),
+    ("action", "shown"),
     [
         (None, r"has the shape \(\); expected \(3,\)"),
         ([0.0, 0.0], r"has the shape \(2,\); expected \(3,\)"),
@@ -141,11 +141,11 @@ def test_a_number_of_environments_is_a_whole_one(number):
         ([0.0, None, 0.0], r"contains values that are not numbers \(object\)"),
     ],
 )
-def test_what_is_no_array_of_numbers_is_refused(action, told):
+def test_what_is_no_array_of_numbers_is_refused(action, shown):
     one, several = safe_inspect.make(ID), safe_inspect.make_vec(ID, 1)
     one.reset(seed=0)
     several.reset(seed=0)
-    with pytest.raises(ArgumentError, match=f"the action {told}"):
+    with pytest.raises(ArgumentError, match=f"the action {shown}"):
         one.step(action)
     with pytest.raises(
         ArgumentError, match=r"the array of actions (has the shape|is ragged|contains values that are not numbers)"
@@ -153,5 +153,5 @@ def test_what_is_no_array_of_numbers_is_refused(action, told):
         several.step(action if action is None else [action])
     named = safe_inspect.make_parallel(ID)
     named.reset(seed=0)
-    with pytest.raises(SafeInspectError, match=f"actions: that for blue0_ctrl {told.replace(';', ',')}"):
+    with pytest.raises(SafeInspectError, match=f"actions: that for blue0_ctrl {shown.replace(';', ',')}"):
         named.step({"blue0_ctrl": action})

@@ -23,7 +23,7 @@ TEAM = "safe_inspect/MultiagentTranslationalInspection-v1"
         ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` fits 3 places; write one of `RTAGlueCWH"),
     ],
 )
-def test_a_keyword_that_is_not_taken_is_told_what_it_may_mean(keywords, message):
+def test_a_keyword_that_is_not_taken_lists_what_it_may_mean(keywords, message):
     with pytest.raises(ArgumentError, match=message):
         gymnasium.make(ID, **keywords)
 
@@ -60,7 +60,7 @@ def test_overrides_are_a_list_of_texts(overrides):
         safe_inspect.make(ID, overrides)
 
 
-def test_a_mistyped_autoreset_mode_is_told_the_nearest():
+def test_a_mistyped_autoreset_mode_names_the_nearest():
     with pytest.raises(ArgumentError, match=r"'nextstep'; did you mean `NextStep`"):
         safe_inspect.make_vec(ID, 2, autoreset_mode="nextstep")
 
@@ -71,7 +71,7 @@ def test_options_that_are_no_dictionary_are_refused():
 
 
 @pytest.mark.parametrize("space", ["observation_space", "action_space"])
-def test_an_unknown_agent_is_told_the_known_ones(space):
+def test_an_unknown_agent_lists_the_known_ones(space):
     with pytest.raises(AgentError, match="named 'nobody'; known: `blue0_ctrl`"):
         getattr(safe_inspect.make_parallel(TEAM), space)("nobody")
 
@@ -95,10 +95,10 @@ def ended(what):
 
 
 @pytest.mark.parametrize(
-    ("what", "told"), [("generator", "raises GeneratorExit"), ("deep", "calls itself without end")]
+    ("what", "shown"), [("generator", "raises GeneratorExit"), ("deep", "calls itself without end")]
 )
-def test_a_plugin_that_ends_otherwise_is_named(what, told):
-    with pytest.raises(PluginValueError, match=rf"the reward Ends {told} \({__file__}:\d+: ") as error:
+def test_a_plugin_that_ends_otherwise_is_named(what, shown):
+    with pytest.raises(PluginValueError, match=rf"the reward Ends {shown} \({__file__}:\d+: ") as error:
         ended(what)
     assert error.value.__suppress_context__  # of a thousand calls
 

@@ -60,11 +60,11 @@ def thrusts(agents) -> list[dict[str, np.ndarray]]:
 
 
 def same_infos(one: dict, many: dict, row: int) -> None:
-    """Compare what PettingZoo's agents are told with a row of the batch."""
+    """Compare the infos of PettingZoo's agents with a row of the batch."""
     for agent, told in one.items():
         for name, value in told.items():
             if name in ("desired_control", "control", "rta/active"):
-                continue  # told of single environments only, or otherwise
+                continue  # present for single environments only, or in another form
             if name == "status":
                 value = DoneStatus[value.upper()]
             found = many[name] if name.startswith("rejections/") else many[name][agent]
@@ -208,7 +208,7 @@ def test_the_teams_facts():
     assert np.isinf(team_info(alone)["closest"]).all()
 
 
-def test_what_a_filter_of_the_team_tells():
+def test_the_infos_of_a_filter_of_the_team():
     env = MultiAgentVectorEnv(variant("filtered together"), 2)
     _, infos = env.reset(seed=SEED)
     assert not infos["interventions"]["blue0_ctrl"].any()

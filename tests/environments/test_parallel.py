@@ -72,7 +72,7 @@ def test_pettingzoos_checks_find_nothing(spec):
         parallel_seed_test(lambda: InspectionParallelEnv(spec()), num_cycles=20)
 
 
-def test_what_an_agent_is_told():
+def test_the_infos_of_an_agent():
     env = make_parallel(TASK, [FILTER_ON])
     assert env.possible_agents == NAMES
     assert env.render_mode is None
@@ -116,7 +116,7 @@ def test_what_an_agent_is_told():
     assert infos["blue0_ctrl"]["inspected_fraction"] == told[0] / 100
 
 
-def test_one_agent_is_told_what_inspection_env_tells(shipped):
+def test_one_agent_gets_the_infos_of_inspection_env(shipped):
     for overrides, steps in ((("horizon=20",), 50), ((FILTER_ON, "horizon=8"), 20)):
         alone = InspectionEnv(load_experiment(shipped, overrides).spec, slot=4)
         env = InspectionParallelEnv(task(ONE, *overrides), slot=4)
@@ -140,7 +140,7 @@ def test_one_agent_is_told_what_inspection_env_tells(shipped):
             assert bool(env.agents) != (expected[2] or expected[3])
 
 
-def test_who_has_ended_drops_out_while_the_others_go_on():
+def test_who_has_ended_drops_out_while_the_others_continue():
     env = InspectionParallelEnv(task("horizon=30"))
     env.reset(seed=1)
     left, ends = [], {}
@@ -200,7 +200,7 @@ class TestErrors:
         with pytest.raises(SafeInspectError, match="is over; call reset"):
             env.step({})
 
-    def test_all_mistakes_of_the_actions_are_told_at_once(self):
+    def test_all_mistakes_of_the_actions_are_reported_at_once(self):
         env = InspectionParallelEnv(task())
         env.reset(seed=1)
         with pytest.raises(SafeInspectError) as caught:
@@ -235,7 +235,7 @@ class TestErrors:
         with pytest.raises(SafeInspectError, match=r"5 act .*blue3_ctrl, \.\.\.\)"):
             InspectionVectorEnv(task("blue#_ctrl.count=5", "horizon=25"))
 
-    def test_one_agent_beside_scripted_ones_is_a_single_agent(self):
+    def test_one_agent_with_scripted_ones_is_a_single_agent(self):
         spec = task("horizon=3")
         agents = (spec.agents[0], *(replace(agent, scripted_policy=ZeroThrust()) for agent in spec.agents[1:]))
         env = InspectionEnv(replace(spec, agents=agents))
@@ -259,7 +259,7 @@ def test_pettingzoo_is_imported_for_its_own_facade_alone():
         sys.modules["safe_inspect.environments"].nothere  # noqa: B018 - reading it is the test
 
 
-def test_the_core_is_untouched_by_what_is_told():
+def test_the_core_is_untouched_by_infos():
     """What the façade adds to a step of the core is read from it alone."""
     spec = task("horizon=20")
     env, core = InspectionParallelEnv(spec), TeamEnvironment(spec, 1)

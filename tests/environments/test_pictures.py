@@ -43,7 +43,7 @@ def environment():
 
 @pytest.mark.parametrize("thrust", [(1.0, 0.4, 0.0), (0.01, 0.004, 0.0), (0.0, 0.0, -0.3), (-0.5, 0.5, 0.5)])
 def test_the_arrow_points_along_the_thrust_and_is_as_long_for_any(environment, thrust):
-    """0.15 radii of the outer circle, as far as it does not point at the reader; it tells the direction alone."""
+    """Its length is 0.15 radii of the outer circle unless it points at the reader; it shows the direction only."""
     environment.reset(seed=3)
     environment.step(np.array(thrust, dtype=np.float32))
     state = environment.core.state

@@ -94,7 +94,7 @@ def test_a_copy_draws_the_same():
     assert (other.render() != environment.render()).any()
 
 
-def test_what_cannot_be_rendered_is_told(monkeypatch):
+def test_what_cannot_be_rendered_is_reported(monkeypatch):
     with pytest.raises(SafeInspectError, match="render_mode='rgb_array' or 'human'"):
         safe_inspect.make(ID).render()
     with pytest.raises(SafeInspectError, match=r"no episode has begun; call reset\(\) first"):
@@ -106,7 +106,7 @@ def test_what_cannot_be_rendered_is_told(monkeypatch):
         safe_inspect.make(ID, render_mode="human").reset()
 
 
-def test_a_python_without_tk_is_told_once(monkeypatch):
+def test_a_python_without_tk_is_reported_once(monkeypatch):
     monkeypatch.setitem(sys.modules, "tkinter", None)
     environment = safe_inspect.make(ID, render_mode="human")
     with pytest.warns(RuntimeWarning, match="nothing is shown: .* needs Tk and a display") as told:

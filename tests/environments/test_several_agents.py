@@ -155,7 +155,7 @@ def coasted(position: np.ndarray, velocity: np.ndarray, time: float) -> np.ndarr
 
 
 @pytest.mark.parametrize("overrides", [LIVELY, (FILTER_ON, "horizon=25")])
-def test_one_of_several_is_the_single_agent_to_the_bit(overrides):
+def test_one_of_several_is_the_single_agent_bit_for_bit(overrides):
     steps, num_envs = (240, 6) if overrides is LIVELY else (60, 3)
     thrusts = thrusts_of(["blue0_ctrl"], steps, num_envs)
     alone, one = single(*overrides), several("blue#_ctrl.count=1", *overrides)
@@ -203,7 +203,7 @@ def test_permuting_equal_agents_permutes_the_results(order):
     velocity = np.array([[0.0, -0.1, 0.0], [0.25, -0.43, 0.0], [0.0, 0.0, 0.1]])  # the second crashes soon
     thrusts = {name: 0.02 * array for name, array in thrusts_of(names, 35, 2, seed=4).items()}
     plain = fly(TeamEnvironment(begun(spec, ABOUT, velocity), 2, seed=SEED), thrusts)
-    places = [order.index(index) for index in range(3)]  # the deputy `order[k]` now stands at place k
+    places = [order.index(index) for index in range(3)]  # the deputy `order[k]` is now at place k
     moved = {names[place]: thrusts[names[index]] for index, place in enumerate(places)}
     other = begun(spec, [ABOUT[index] for index in order], velocity[list(order)])
     permuted = fly(TeamEnvironment(other, 2, seed=SEED), moved)
@@ -250,7 +250,7 @@ def _with_range(agent: AgentSpec, max_distance: float):
     )
 
 
-def test_an_agent_that_ends_drops_out_while_the_others_go_on():
+def test_an_agent_that_ends_drops_out_while_the_others_continue():
     flown = ended_early()
     gone = flown["blue1_ctrl"]
     (end,) = np.flatnonzero(gone["terminated"][:, 0])
@@ -280,7 +280,7 @@ def test_its_spacecraft_coasts_on():
         np.testing.assert_allclose(gone["position"][end + later, 0], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_its_camera_goes_on_inspecting_for_the_others():
+def test_its_camera_continues_to_inspect_for_the_others():
     flown = ended_early()
     gone, other = flown["blue1_ctrl"], flown["blue0_ctrl"]
     end = int(np.flatnonzero(gone["terminated"][:, 0])[0])
@@ -292,7 +292,7 @@ def test_its_camera_goes_on_inspecting_for_the_others():
     assert (paid >= 0.01 * seen - 1e-12).all()
 
 
-def test_its_spacecraft_may_hold_its_thrust_as_the_peers_do():
+def test_its_spacecraft_may_hold_its_thrust_as_in_safe_autonomy_sims():
     gone = ended_early("config.config.env_config.ended_deputies=hold_thrust")["blue1_ctrl"]
     end = int(np.flatnonzero(gone["terminated"][:, 0])[0])
     assert (gone["control"][:, 0] == OUTWARDS).all()
@@ -325,7 +325,7 @@ def of_another_kind(agent: AgentSpec) -> dict:
 
 
 def test_agents_that_differ_are_computed_as_their_like_are():
-    """In a mixed team every agent is what it is in a team of its own kind, up to the step that ends the first."""
+    """In a mixed team every agent flies as in a team of one kind, up to the step that ends the first."""
     spec = several("horizon=40")
     names = [agent.name for agent in spec.agents]
     kind = [of_another_kind(agent) for agent in spec.agents]
@@ -345,7 +345,7 @@ def test_agents_that_differ_are_computed_as_their_like_are():
 
 
 def test_grouping_changes_nothing(monkeypatch):
-    """A group is the same agents one by one, whatever stands beside them, through ends, resets and filters."""
+    """A group is the same agents one by one, with any other agents, through ends, resets and filters."""
     spec = several("blue#_ctrl.count=7", *LIVELY)
     other = of_another_kind(spec.agents[0])
     filtered = several("blue#_ctrl.count=7", FILTER_ON).agents[0].glues
@@ -483,7 +483,7 @@ class TestSharedEnds:
 
 class TestBeginnings:
     @pytest.mark.parametrize("count", [3, 5, 10])
-    def test_each_deputy_begins_safely_in_a_place_of_its_own(self, count):
+    def test_each_deputy_begins_safely_in_its_own_place(self, count):
         spec = several(f"blue#_ctrl.count={count}", "CollisionDoneFunction.config.safety_constraint=20 m")
         num_envs = 300
         env = TeamEnvironment(spec, num_envs, seed=SEED)

@@ -1,4 +1,4 @@
-"""Plain controllers computed together give what each of them gives, to the bit."""
+"""Plain controllers that are computed together are bit-identical to each of them alone."""
 
 from __future__ import annotations
 

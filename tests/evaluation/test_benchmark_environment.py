@@ -34,7 +34,7 @@ def report(tmp_path_factory):
     return done.stdout, json.loads(path.read_text())
 
 
-def test_every_case_is_measured_and_told(report):
+def test_every_case_is_measured_and_reported(report):
     text, told = report
     cases = [(row["case"], row["num_envs"], row["deputies"], row["thrust"]) for row in told["rates"]]
     both = ("small", "full")
@@ -46,7 +46,7 @@ def test_every_case_is_measured_and_told(report):
     assert {"cpu", "cores", "python", "numpy"} <= set(told["machine"])
 
 
-def test_the_cost_of_several_deputies_is_told_against_one(report):
+def test_the_cost_of_several_deputies_is_compared_with_one(report):
     text, told = report
     assert [(row["deputies"], row["of"]) for row in told["costs"]] == [(2, "the task of one deputy")] * 2 + [
         (2, "a team of one")

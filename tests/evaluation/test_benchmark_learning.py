@@ -22,7 +22,7 @@ def learning():
 
 
 class Loaded:
-    """Stands for the policies of a checkpoint: notes which were asked for."""
+    """Replacement of the policies of a checkpoint that records which were requested."""
 
     def __init__(self):
         self.asked = []

@@ -100,7 +100,7 @@ def test_what_was_flown_is_kept_and_gives_the_same_results(capsys, flown, words)
     assert not Path("out.part").exists()
 
 
-def test_without_a_folder_the_loss_is_told(capsys, flown):
+def test_without_a_folder_the_loss_is_reported(capsys, flown):
     flown[1].append(4)
     assert main(["evaluate", "random", *SHORT]) == 130
     told = "interrupted; 4 of 6 episodes were flown and are lost; --output FOLDER keeps them\n"
@@ -215,7 +215,7 @@ def test_a_damaged_batch_is_flown_again(capsys, flown):
         "docking/experiment.yml",
     ],
 )
-def test_every_kind_of_episode_is_kept_to_the_bit(tmp_path, file):
+def test_every_kind_of_episode_is_kept_bit_for_bit(tmp_path, file):
     spec = load_spec(CONFIGS / file, ["horizon=9"])
     kept = KeptEpisodes(tmp_path, "x")
     whole = rollout(spec, baseline("random"), 3, record=2, metrics=default_metrics(spec), kept=kept)
@@ -225,7 +225,7 @@ def test_every_kind_of_episode_is_kept_to_the_bit(tmp_path, file):
 
 
 def same(one, other):
-    """Return whether two values agree to the bit, with their types."""
+    """Return whether two values and their types are identical."""
     if isinstance(one, np.ndarray):
         return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
     if hasattr(one, "__dataclass_fields__"):

@@ -104,7 +104,7 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     assert out.splitlines()[5:] == [*page.splitlines()[5:], ""]
 
 
-def test_a_row_of_other_episodes_is_flown_anew(typed, monkeypatch):
+def test_a_row_of_other_episodes_is_flown_again(typed, monkeypatch):
     assert typed("boards.yml", "--results", "kept")[0] == 0
     flown = []
     whole = command.fly_candidates

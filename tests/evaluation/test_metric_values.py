@@ -191,7 +191,7 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
     check_metrics(spec, [One(), One(name="two")])
 
 
-def test_a_figure_that_no_component_offers_is_told_from_those_that_are_there() -> None:
+def test_a_figure_that_no_component_offers_lists_those_that_are_there() -> None:
     class Offered(_Informed):
         def __init__(self, **info: Any) -> None:
             self.info = info

@@ -1,4 +1,4 @@
-"""ONNX files fly as their checkpoints do; damaged and foreign ones are told from good ones."""
+"""ONNX files fly as their checkpoints do; damaged and foreign ones are recognised."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_every_baseline_can_be_had_by_its_name():
 @pytest.mark.parametrize(
     ("name", "message"), [("zero_thrust", "did you mean `ZeroThrust`"), ("nobody.knows", "no module 'nobody'")]
 )
-def test_an_unknown_baseline_is_told_from_the_known(name, message):
+def test_an_unknown_baseline_lists_the_known_ones(name, message):
     with pytest.raises(SafeInspectError, match=message):
         baseline(name)
 

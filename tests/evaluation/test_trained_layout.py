@@ -58,7 +58,7 @@ def refused(source, overrides):
 
 
 @pytest.mark.parametrize(
-    ("task", "overrides", "told"),
+    ("task", "overrides", "shown"),
     [
         ("discrete", [f"{CONTROLS}.0.config.levels=[-0.2 N, 0 N, 0.2 N]"],
          "in the action of blue0_ctrl, X Thrust has the levels [-0.1, 0, 0.1] N in training and has the levels "
@@ -78,10 +78,10 @@ def refused(source, overrides):
         ("plain", [f"{AGENT}.glues.2.config.output_units=cm/s"], "Sensor_Velocity.v_x is seen as"),
     ],
 )  # fmt: skip
-def test_another_observation_or_action_is_refused(sources, task, overrides, told):
+def test_another_observation_or_action_is_refused(sources, task, overrides, shown):
     overrides = [override.replace("PART", part("X Thrust")) for override in overrides]
     checkpoint, file = (refused(source, overrides) for source in sources[task])
-    assert told in checkpoint
+    assert shown in checkpoint
     assert checkpoint == file
     assert "use the glues and controllers of its training" in file
 
@@ -189,7 +189,7 @@ class TestForeignPlugins:
 
         one, other, none = with_plugin("2.0"), with_plugin("3.0"), experiment_of()
         info = policy_info(one, "default_policy", one.spec.agents)
-        info = PolicyInfo.of(info.metadata())  # as it stands in a file
+        info = PolicyInfo.of(info.metadata())  # as it is written in a file
         check_layout("here", info, one.spec.agents[0])
         with pytest.raises(CheckpointError, match=r"here: the policy is of another task .* comes from .* in training"):
             check_layout("here", info, other.spec.agents[0])

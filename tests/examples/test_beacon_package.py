@@ -119,7 +119,7 @@ def _command(*arguments: str) -> None:
     assert main([*arguments, "--cfg", str(_EXPERIMENT), "--seed", "3", _BY_PATH]) == 0
 
 
-def test_it_is_evaluated_compared_and_drawn_with_columns_of_its_own(load, tmp_path, capsys):
+def test_it_is_evaluated_compared_and_drawn_with_its_own_columns(load, tmp_path, capsys):
     from safe_inspect.evaluation.results.folder import read_evaluation
     from safe_inspect.evaluation.results.trajectory_table import read_trajectories
 

@@ -13,7 +13,7 @@ _FOLDER = Path(__file__).parents[2] / "examples" / "learners"
 
 
 @pytest.mark.parametrize(
-    ("script", "words", "told"),
+    ("script", "words", "shown"),
     [
         ("fly_policy.py", ("--episodes", "1"), "episode 0: win after "),
         pytest.param("sb3_ppo.py", ("--steps", "64"), "inspected on average: ", marks=pytest.mark.slow),
@@ -28,7 +28,7 @@ _FOLDER = Path(__file__).parents[2] / "examples" / "learners"
         ("pettingzoo_team.py", ("--steps", "20"), "3 agents, "),
     ],
 )  # fmt: skip
-def test_an_example_runs(script, words, told):
+def test_an_example_runs(script, words, shown):
     if script.startswith("torchrl"):
         pytest.importorskip("torchrl", reason="pip install 'safe_inspect[torchrl]'")
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
@@ -36,7 +36,7 @@ def test_an_example_runs(script, words, told):
         [sys.executable, str(_FOLDER / script), *words], capture_output=True, text=True, timeout=300, env=environment
     )
     assert done.returncode == 0, done.stderr
-    assert told in done.stdout
+    assert shown in done.stdout
 
 
 def test_every_example_is_run():

@@ -42,7 +42,7 @@ def pushes_of(group, action):
 
 
 class DummyPoints:
-    """A component that tells of points."""
+    """A component that offers points."""
 
     def __init__(self, team):
         self._points = lambda: team.state.points["chief"]

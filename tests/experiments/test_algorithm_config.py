@@ -162,7 +162,7 @@ def test_the_environment_is_that_of_one_agent_or_of_several(monkeypatch: pytest.
     assert create({"several": True, "maker": "x"}) == ("several", {"maker": "x", "several": True})
 
 
-def test_keys_that_an_algorithm_does_not_have_are_told_together() -> None:
+def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
     from safe_inspect.experiments.learning.algorithm import _check_names, attribute_names, default_config
 
     config = default_config("APPO")

@@ -46,7 +46,7 @@ def test_only_a_folder_of_ours_is_removed(tmp_path, name, of_ray, gone):
     assert (tmp_path / name).exists() is not gone
 
 
-def test_a_training_that_would_wait_for_ever_is_refused():
+def test_a_training_that_would_wait_forever_is_refused():
     cluster.check_size(4.0, 4.0)
     with pytest.raises(ConfigError, match=r"needs 4\.5 processors, but Ray has 4; lower `num_env_runners`"):
         cluster.check_size(4.5, 4.0)
@@ -55,9 +55,9 @@ def test_a_training_that_would_wait_for_ever_is_refused():
 def test_logs_that_cannot_be_copied_do_not_hide_the_error(tmp_path, monkeypatch):
     logs = tmp_path / "ray" / "session_latest" / "logs"
     logs.mkdir(parents=True)
-    (logs / "raylet.out").write_text("told")
+    (logs / "raylet.out").write_text("text")
     cluster._keep_logs(tmp_path / "ray", tmp_path / "kept")
-    assert (tmp_path / "kept" / "raylet.out").read_text() == "told"
+    assert (tmp_path / "kept" / "raylet.out").read_text() == "text"
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -153,9 +153,7 @@ def test_a_cluster_is_joined_and_left(fake: FakeRay) -> None:
         assert fake.calls == [joined, "shutdown", joined, "shutdown"]
 
 
-def test_why_a_cluster_cannot_be_joined_is_told_in_its_last_line(
-    fake: FakeRay, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_why_a_cluster_cannot_be_joined_is_in_its_last_line(fake: FakeRay, monkeypatch: pytest.MonkeyPatch) -> None:
     import ray
 
     def refuse(**_: Any) -> None:

@@ -13,7 +13,7 @@ from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
 FILE = "experiment-burn-and-coast.yml"
-#: Control steps of each environment in the calls: decisions go on from one call to the next, and episodes end.
+#: Control steps of each environment in the calls: decisions continue from one call to the next, and episodes end.
 CALLS = (7, 60, 41)
 MODEL = {"fcnet_hiddens": [32, 32], "orthogonal": True, "initial_burn_probability": 0.5, "initial_std": 0.3}
 

@@ -95,7 +95,7 @@ def joined(parts):
 
 
 def whole_episodes(pieces):
-    """Join an agent's pieces to whole episodes; the last one goes on."""
+    """Join an agent's pieces to whole episodes; the last one has not ended."""
     episodes, current = [], []
     for piece in pieces:
         current.append(piece)

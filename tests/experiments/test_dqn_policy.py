@@ -112,7 +112,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
         export_policy(find_newest(run).newest.path, tmp_path / "b.onnx")
 
 
-def test_it_does_not_fly_beside_policies_that_learn(run):
+def test_it_does_not_fly_with_policies_that_learn(run):
     from safe_inspect.experiments.modules.frozen import check_frozen
     from safe_inspect.experiments.settings.policies import PolicySettings
 
@@ -179,7 +179,7 @@ def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, k
     assert (config.replay_buffer_config["type"], config.replay_buffer_config["capacity"]) == (kind, 10)
 
 
-def test_a_replay_buffer_that_is_misspelt_is_told():
+def test_a_replay_buffer_that_is_misspelt_is_reported():
     from safe_inspect.experiments.learning.algorithm import default_config
     from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
 

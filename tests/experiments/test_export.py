@@ -82,7 +82,7 @@ def test_the_file_gives_what_the_checkpoint_gives(tmp_path, model):
     assert 0.0 < done.difference.action < 1e-5
 
 
-def test_units_normalisers_and_limits_stand_in_the_file(tmp_path):
+def test_units_normalisers_and_limits_are_in_the_file(tmp_path):
     from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of(scaled)
@@ -107,7 +107,7 @@ def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
     columns = np.split(logits, [3, 8], axis=1)
     pairs = zip((LEVELS[1:4], LEVELS, LEVELS), columns, strict=True)
     wanted = [np.array(levels)[part.argmax(axis=1)] for levels, part in pairs]
-    agree = (policy(readings) == np.stack(wanted, axis=1)).all(axis=1)  # to the bit: the task's levels, not float32's
+    agree = (policy(readings) == np.stack(wanted, axis=1)).all(axis=1)  # exact: the levels of the task, not of float32
     assert agree.mean() > 0.998
     assert all(len(np.unique(part)) > 1 for part in wanted)
     assert (done.info.distribution, done.info.action[1].levels) == ("categorical", tuple(LEVELS))
@@ -198,7 +198,7 @@ class TestRefusals:
             export_policy(checkpoint, tmp_path / "p.onnx")
         assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
-    def test_a_module_of_its_own_kind(self, run):
+    def test_a_module_of_another_kind(self, run):
         from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 
         from safe_inspect.experiments.export.onnx_graph import check_module

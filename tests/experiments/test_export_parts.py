@@ -221,7 +221,7 @@ def test_the_text_of_a_model_card() -> None:
           for index in range(3)]),
     ],
 )  # fmt: skip
-def test_weights_that_do_not_fit_their_policy_are_told(
+def test_weights_that_do_not_fit_their_policy_are_reported(
     folder: str, overrides: list[str], shown: list[tuple[str, str]]
 ) -> None:
     experiment = load_experiment(configs_root() / folder / "experiment.yml", overrides)

@@ -82,7 +82,7 @@ def module_of(experiment, **model):
     return spec.build()
 
 
-def test_a_fresh_policy_burns_as_it_is_told():
+def test_a_fresh_policy_burns_as_configured():
     import torch
 
     module = module_of(experiment_of(path=ONE), orthogonal=True, initial_burn_probability=0.2, initial_std=0.3)
@@ -165,7 +165,7 @@ def test_zero_must_be_no_thrust():
         module_of(experiment)
 
 
-def test_training_goes_on_from_its_state(algorithm, tmp_path):
+def test_training_continues_from_its_state(algorithm, tmp_path):
     from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 
     experiment = experiment_of(path=ONE)

@@ -143,7 +143,7 @@ def test_each_runner_keeps_its_part_of_the_window(smoothing: int, runners: int, 
 
 
 class Sums:
-    """Stands for the `EpisodeAccumulator` of 3 environments with 3 agents, of which the last is scripted."""
+    """Replacement of the `EpisodeAccumulator` of 3 environments with 3 agents, of which the last is scripted."""
 
     returns = np.array([[1.0, 2.0, 90.0], [3.0, 5.0, 90.0], [-1.0, 0.5, 90.0]])
     lengths = np.array([[4, 7, 9], [2, 1, 1], [5, 6, 3]])

@@ -133,7 +133,7 @@ def texts(distribution: str, levels: list[float], offset: float = 0.0) -> dict[s
     return {"distribution": distribution, "action": json.dumps(action)}
 
 
-def test_each_algorithm_learns_a_module_of_its_own() -> None:
+def test_each_algorithm_learns_its_own_module() -> None:
     from safe_inspect.experiments.modules import fresh_policy
     from safe_inspect.experiments.modules.appo_policy import AppoPolicy
     from safe_inspect.experiments.modules.dqn_policy import DqnPolicy

@@ -333,7 +333,7 @@ def test_what_the_fast_learner_cannot_do_the_stock_one_does(ray_session):
 
 
 @pytest.mark.long
-def test_a_learner_in_a_process_of_its_own(algorithm):
+def test_a_learner_in_a_separate_process(algorithm):
     algo = algorithm({"drift": 0.03}, num_learners=1)
     result = algo.train()["learners"]["default_policy"]
     assert math.isfinite(result["policy_loss"])

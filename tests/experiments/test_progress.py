@@ -106,7 +106,7 @@ def test_a_column_that_appears_late_is_in_the_file(tmp_path):
     assert (second["reward/near"], second["success_rate"], second["steps"]) == (-1.0, 0.5, 8000.0)
 
 
-def test_the_log_goes_on_after_the_checkpoint(tmp_path):
+def test_the_log_continues_after_the_checkpoint(tmp_path):
     log = TrainingLog(tmp_path)
     for iteration in (1, 2, 3, 4):
         log.add(result(iteration, success_rate=0.1))
@@ -207,7 +207,7 @@ def test_a_training_that_does_not_compile_does_not_say_so(heartbeat):
     assert [line for _, line in beats(30.0)] == ["working on the first iteration, for 0:00:28"]
     note.touch()
     beats(32.0)
-    note.unlink()  # what is compiled anew in each process takes a moment
+    note.unlink()  # code that is compiled again in each process takes a moment
     assert not any("compiling, once" in line for _, line in beats(60.0))
 
 

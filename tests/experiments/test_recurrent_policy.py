@@ -53,7 +53,7 @@ def test_the_file_flies_as_the_checkpoint_does(exported, name, sampled):
         for one, other in zip(ours.trajectories, theirs.trajectories, strict=True):
             np.testing.assert_allclose(one.control, other.control, atol=2e-4)
     for one, other in zip(flown[2].trajectories, flown[3].trajectories, strict=True):
-        np.testing.assert_array_equal(one.position, other.position)  # whatever flies beside it, to the bit
+        np.testing.assert_array_equal(one.position, other.position)  # bit-identical, whatever else flies
 
 
 @pytest.mark.parametrize("name", NETS)
@@ -91,7 +91,7 @@ def test_an_episode_leaves_nothing_to_the_next(exported, kind):
 
 
 @pytest.mark.parametrize("kind", [0, 1])
-def test_a_loop_that_does_not_say_where_episodes_begin_is_told_so(exported, kind):
+def test_a_loop_that_does_not_say_where_episodes_begin_is_refused(exported, kind):
     policy = safe_inspect.load_policy(exported["separate"][kind])
     rows = np.zeros((3, 11), dtype=np.float32)
     with pytest.raises(ArgumentError, match="the policy is recurrent; give `episode_start`, True for each row whose"):

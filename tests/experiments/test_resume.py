@@ -1,4 +1,4 @@
-"""A training that is killed goes on, with the right iteration and without what was damaged."""
+"""A training that is killed can be continued, with the right iteration and without damaged files."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def killed(tmp_path_factory):
     shutil.rmtree(temporary, ignore_errors=True)
 
 
-def test_a_killed_training_goes_on_from_the_newest_good_checkpoint(killed, tmp_path):
+def test_a_killed_training_continues_from_the_newest_good_checkpoint(killed, tmp_path):
     run, temporary = killed
     copy = shutil.copytree(run, tmp_path / "run")
     newest = find_newest(copy / "tune").newest

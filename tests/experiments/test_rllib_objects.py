@@ -46,7 +46,7 @@ def test_connectors_are_built_for_each_pipeline():
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "shown"),
     [
         ({"rl_module": "ray.rllib.connectors.connector_v2.ConnectorV2"}, "ConnectorV2' is no RLModule of RLlib"),
         ({"rl_module": "no_such_module.Module"}, "no module 'no_such_module'"),
@@ -55,16 +55,16 @@ def test_connectors_are_built_for_each_pipeline():
         ({"module_to_env_connector": "ray.rllib.connectors.Nothing"}, "has no 'Nothing'"),
     ],
 )
-def test_what_cannot_be_built_is_one_message(keys, told):
-    with pytest.raises(ConfigError, match=told):
+def test_what_cannot_be_built_is_one_message(keys, shown):
+    with pytest.raises(ConfigError, match=shown):
         build(DUMMY, **keys)
 
 
-def test_it_is_told_before_the_training_that_no_file_holds_them(capsys):
+def test_it_is_reported_before_the_training_that_no_file_holds_them(capsys):
     override = f"agent_config.0.policy.config.env_to_module_connector={FILTER}"
     assert main(["validate", SHIPPED, override]) == 0
-    told = capsys.readouterr().err
-    assert "policies train and resume, but are not flown: `env_to_module_connector` stands for code" in told
+    shown = capsys.readouterr().err
+    assert "policies train and resume, but are not flown: `env_to_module_connector` stands for code" in shown
     assert main(["validate", SHIPPED, f"agent_config.0.policy.config.rl_module_class={__name__}.Deep"]) == 0
     assert "`rl_module` stands for code" in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""The sampler without RLlib: what is kept of episodes that end, go on and are left early."""
+"""The sampler without RLlib: what is saved of episodes that end, continue or are left early."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_every_piece_is_an_unbroken_stretch_of_one_episode(team):
                 assert span.terminated == near[-1]
                 ends.add((span.terminated, span.truncated, piece.over))
                 key = (agent_slot.agent, slot, episode)
-                assert known.get(key, (0, False)) == (piece.begun, False)  # goes on where it was cut
+                assert known.get(key, (0, False)) == (piece.begun, False)  # continues where it was cut
                 known[key] = (piece.begun + span.length, span.terminated or span.truncated)
     assert {(True, False, True), (False, True, True), (False, False, False)} <= ends
     if len(built.agent_slots) > 1:

@@ -1,4 +1,4 @@
-"""The folder of a run: made anew, recorded, guarded against another configuration."""
+"""The folder of a run: newly made, recorded, guarded against another configuration."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.ray
         (0, 0, True, 0xE220A8397B1DCDAF), (0, 1, False, 0x6E789E6AA1B965F4), (0, 1, True, 0x06C45D188009454F),
     ],
 )  # fmt: skip
-def test_attempts_and_evaluations_have_streams_of_their_own(
+def test_attempts_and_evaluations_have_their_own_streams(
     seed: int, attempt: int, evaluation: bool, stream: int
 ) -> None:
     assert stream_seed(seed, attempt, evaluation) == stream
@@ -119,7 +119,7 @@ def test_runs_without_a_record_are_named_by_their_folders(runs: Any, tmp_path: P
 
 
 class FakeTasks:
-    """Stands for Ray: tasks end in the order in which they were begun."""
+    """Replacement of Ray in which tasks end in the order in which they were started."""
 
     def __init__(self) -> None:
         self.flying, self.most, self.cancelled = list[int](), 0, list[int]()
@@ -204,7 +204,7 @@ def test_tune_searches_the_number_of_the_trial_alone() -> None:
     assert type(found["c"].sampler).__name__ == "_LogUniform"
 
 
-def test_a_searcher_is_told_of_figures_that_are_known_alone() -> None:
+def test_a_searcher_gets_known_figures_alone() -> None:
     from ray.tune.search import Searcher
 
     from safe_inspect.experiments.runs.search_space import Suggestions, making

@@ -184,7 +184,7 @@ def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search
         open_source(search / "trials" / "trial_00001")
 
 
-def test_trials_of_a_search_without_records_are_told_apart_by_their_folders(tmp_path):
+def test_trials_of_a_search_without_records_are_distinguished_by_their_folders(tmp_path):
     for attempt, trial in (("000", "trial_00000"), ("001", "trial_00000"), ("000", "trial_00001")):
         checkpoint = tmp_path / "tune" / attempt / trial / "checkpoint_000000"
         checkpoint.mkdir(parents=True)

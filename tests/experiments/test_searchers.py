@@ -23,36 +23,36 @@ SEARCHED = {"lr": RATES, "gamma": {"choice": [0.9, 0.99]}, "num_epochs": {"randi
 
 
 class Ladder(Searcher):
-    """Suggests larger rates one after the other, and notes what it is told."""
+    """Searcher that suggests larger rates one after the other and records its calls."""
 
-    def __init__(self, file="told.json", wrong=False, first=1e-4):
+    def __init__(self, file="calls.json", wrong=False, first=1e-4):
         super().__init__()
-        self.file, self.wrong, self.first, self.told = file, wrong, first, []
+        self.file, self.wrong, self.first, self.calls = file, wrong, first, []
 
     def set_search_properties(self, metric, mode, config, **spec):
         self.space = dict(config)
         return not self.wrong
 
     def suggest(self, trial_id):
-        values = {"lr": self.first * 2 ** len({trial for trial, _, _ in self.told})}
-        self.told.append([trial_id, "suggest", values["lr"]])
+        values = {"lr": self.first * 2 ** len({trial for trial, _, _ in self.calls})}
+        self.calls.append([trial_id, "suggest", values["lr"]])
         return values
 
     def on_trial_result(self, trial_id, result):
-        self.told.append([trial_id, "result", result[METRIC]])
+        self.calls.append([trial_id, "result", result[METRIC]])
 
     def on_trial_complete(self, trial_id, result=None, error=False):
-        self.told.append([trial_id, "complete", None if result is None else result[METRIC]])
+        self.calls.append([trial_id, "complete", None if result is None else result[METRIC]])
         with open(self.file, "w", encoding="utf-8") as stream:
-            json.dump(self.told, stream)
+            json.dump(self.calls, stream)
 
     def save(self, checkpoint_path):
         with open(checkpoint_path, "w", encoding="utf-8") as stream:
-            json.dump(self.told, stream)
+            json.dump(self.calls, stream)
 
     def restore(self, checkpoint_path):
         with open(checkpoint_path, encoding="utf-8") as stream:
-            self.told = json.load(stream)
+            self.calls = json.load(stream)
 
 
 LADDER = {"functor": f"{__name__}.Ladder"}
@@ -81,7 +81,7 @@ def test_drawn_values_lie_in_their_ranges_and_follow_from_the_seed():
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "shown"),
     [
         ({"lr": {"uniform": 3}}, "`uniform` takes a list of two numbers"),
         ({"lr": {"uniform": [1e-4]}}, "`uniform` takes a list of two numbers"),
@@ -93,38 +93,38 @@ def test_drawn_values_lie_in_their_ranges_and_follow_from_the_seed():
         ({"model_config": {"fcnet_activation": {"choice": ["tanh"]}}}, "`choice` is only supported for the keys of"),
     ],
 )
-def test_a_wrong_range_is_one_message(keys, told):
+def test_a_wrong_range_is_one_message(keys, shown):
     (problem,) = read_settings(keys, {}, {}).problems
-    assert told in problem.message
+    assert shown in problem.message
 
 
 @pytest.mark.parametrize(
-    ("keys", "where", "told"),
+    ("keys", "where", "shown"),
     [
         ({}, "tune_config.search_alg", "there is no key to search"),
         ({"lr": {"grid_search": [1e-4]}}, "rllib_configs.lr", "use `choice` instead of `grid_search`"),
     ],
 )
-def test_what_a_searcher_cannot_search_is_told_before_ray(keys, where, told):
+def test_what_a_searcher_cannot_search_is_reported_before_ray(keys, where, shown):
     (problem,) = read_settings(keys, {"search_alg": LADDER}, {}).problems
     assert problem.path == where
-    assert told in problem.message
+    assert shown in problem.message
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "shown"),
     [
         ("ray.tune.Callback", "'ray.tune.Callback' is not a searcher of ray.tune"),
         ({**LADDER, "config": {"step": 1}}, "Ladder rejects its `config`: .*'step'"),
         ({**LADDER, "config": {"wrong": True}}, "Ladder cannot search: it accepts no search space; remove its own"),
     ],
 )
-def test_what_is_no_searcher_is_one_message(entry, told):
-    with pytest.raises(ConfigError, match=rf"^tune_config.search_alg: .*{told}"):
+def test_what_is_no_searcher_is_one_message(entry, shown):
+    with pytest.raises(ConfigError, match=rf"^tune_config.search_alg: .*{shown}"):
         suggestions_of(translate_tune({"search_alg": entry}).settings, {"lr": RATES})
 
 
-def test_a_searcher_is_told_what_is_known():
+def test_a_searcher_gets_what_is_known():
     made = suggestions_of(translate_tune({"search_alg": LADDER}).settings, SEARCHED)
     assert isinstance(made, Suggestions)
     inner = made.searcher
@@ -142,18 +142,18 @@ def test_a_searcher_is_told_what_is_known():
     inner.file = "/dev/null"
     made.on_trial_complete("a", {METRIC: math.nan})
     made.on_trial_complete("b", {METRIC: 2.0})
-    assert inner.told[3:] == [["a", "result", 1.0], ["a", "complete", None], ["b", "complete", 2.0]]
+    assert inner.calls[3:] == [["a", "result", 1.0], ["a", "complete", None], ["b", "complete", 2.0]]
 
 
 @pytest.mark.ray
 @pytest.mark.slow
 def test_a_search_trains_what_is_suggested(ray_session, tmp_path):
-    told = tmp_path / "told.json"
+    calls = tmp_path / "calls.json"
     run = TrainingRun(
         {},
         rllib={**QUICK, "lr": RATES},
         tune={
-            "search_alg": {**LADDER, "config": {"file": str(told)}},
+            "search_alg": {**LADDER, "config": {"file": str(calls)}},
             "num_samples": 2,
             "stop": {"training_iteration": 1},
         },
@@ -163,7 +163,7 @@ def test_a_search_trains_what_is_suggested(ray_session, tmp_path):
     found = train(run, io.StringIO())
     assert [trial.parameters["lr"] for trial in found.trials] == [1e-4, 2e-4]
     assert [trial.folder.name for trial in found.trials] == ["trial_00000", "trial_00001"]
-    assert [what for _, what, _ in json.loads(told.read_text())].count("complete") == 2
+    assert [what for _, what, _ in json.loads(calls.read_text())].count("complete") == 2
     returns = [trial.return_mean for trial in found.trials]
     assert found.best == found.trials[returns.index(max(returns))].folder
 
@@ -182,7 +182,7 @@ def test_a_suggestion_that_cannot_train_ends_the_search_with_a_message(ray_sessi
         train(run, io.StringIO())
 
 
-def test_optuna_learns_from_what_it_is_told():
+def test_optuna_learns_from_what_it_gets():
     pytest.importorskip("optuna", reason="pip install 'safe_inspect[search]'")
     entry = {"functor": "ray.tune.search.optuna.OptunaSearch", "config": {"seed": 1}}
     made = suggestions_of(translate_tune({"search_alg": entry}).settings, {"lr": RATES})

@@ -97,7 +97,7 @@ def test_it_holds_weights_alone_and_nothing_of_the_machine(run, shelf):
     assert "# From here" not in (folder / "experiment.resolved.yml").read_text()
 
 
-def test_the_card_tells_the_facts(shelf):
+def test_the_card_states_the_facts(shelf):
     card = shipped_policy("one-deputy", shelf).card.read_text(encoding="utf-8")
     for text in (
         "# one-deputy\n\nInspects every lit point.",

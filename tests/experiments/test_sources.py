@@ -60,7 +60,7 @@ def test_agents_that_share_a_policy_share_one_object(tmp_path):
     assert len({id(policy) for policy in policies.values()}) == 1
 
 
-def test_a_baseline_flies_in_the_shipped_task_unless_told_otherwise():
+def test_a_baseline_flies_in_the_shipped_task_by_default():
     spec, policy = open_source("inspector")
     assert isinstance(policy, NaturalMotionInspector)
     assert len(spec.agents) == 1

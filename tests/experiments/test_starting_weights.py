@@ -74,7 +74,7 @@ def test_a_policy_that_lacks_something_or_acts_otherwise_is_refused(trained, cha
         starting_weights(SOURCE, model_of(trained, **changes(trained.info)))
 
 
-def test_a_run_stands_for_its_newest_checkpoint(tmp_path):
+def test_a_run_means_its_newest_checkpoint(tmp_path):
     checkpoint = single_run(tmp_path, experiment_of())
     run, own = initial_weights(str(tmp_path)), initial_weights(str(checkpoint))
     assert run.arrays.keys() == own.arrays.keys()

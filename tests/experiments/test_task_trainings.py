@@ -1,4 +1,4 @@
-"""The experiments of each task train, go on after SIGKILL, evaluate, export, draw and open as a page."""
+"""The experiments of each task train, continue after SIGKILL, evaluate, export, draw and open as a page."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def run(*arguments):
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_an_experiment_goes_on_after_a_kill_and_its_policy_flies(experiment, tmp_path):
+def test_an_experiment_continues_after_a_kill_and_its_policy_flies(experiment, tmp_path):
     training = command("safe_inspect.train_rl", "--cfg", configs_root() / experiment, *SMALL, "--output", tmp_path)
     with subprocess.Popen(training, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         lines = []

@@ -91,7 +91,7 @@ def test_each_policy_has_its_own_settings(trained):
     assert steps["own"] == agents["green"]
 
 
-def test_a_team_goes_on_from_its_checkpoint(trained):
+def test_a_team_continues_from_its_checkpoint(trained):
     result, _, run = trained
     stream = io.StringIO()
     fields = {**vars(run), "resume": result.folder, "tune": {"stop": {"training_iteration": 3}}}
@@ -201,7 +201,7 @@ def test_one_policy_for_all_is_trained(ray_session, tmp_path):
         ({"entropy_coeff": -1.0}, "-1.0 is too small"),
     ],
 )
-def test_what_a_policy_cannot_have_of_its_own(config, text):
+def test_what_a_policy_cannot_have_separately(config, text):
     settings = read_settings({}, {}, {}, [SHARED, PolicySpec("own", ("green",), "PPO", config)])
     (problem,) = settings.problems
     assert problem.path.startswith("policies.own.")

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ray
 
 
 def home_results():
-    """Return what stands where Ray puts results unless told otherwise."""
+    """Return the contents of the folder in which Ray saves results by default."""
     return sorted((Path.home() / "ray_results").glob("*"))
 
 
@@ -117,7 +117,7 @@ def resumed(run, result, **changes):
     return TrainingRun(**fields)
 
 
-def test_a_finished_run_goes_on_with_a_later_limit(trained):
+def test_a_finished_run_continues_with_a_later_limit(trained):
     result, _, run = trained
     stream = io.StringIO()
     more = train(resumed(run, result, tune={"stop": {"training_iteration": 3}}), stream)
@@ -169,7 +169,7 @@ def test_an_error_of_a_plugin_arrives_as_it_was(ray_session, tmp_path, quick, ma
 
 
 @pytest.mark.slow
-def test_the_best_checkpoint_is_kept_beside_the_newest(ray_session, tmp_path):
+def test_the_best_checkpoint_is_kept_next_to_the_newest(ray_session, tmp_path):
     score = {"checkpoint_score_attribute": "training_iteration", "checkpoint_score_order": "min", "num_to_keep": 1}
     run = TrainingRun(
         {},
@@ -185,7 +185,7 @@ def test_the_best_checkpoint_is_kept_beside_the_newest(ray_session, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on(ray_session, tmp_path):
+def test_a_runner_that_is_killed_is_one_message_that_says_how_to_continue(ray_session, tmp_path):
     run = TrainingRun(
         {},
         rllib={**QUICK, "num_env_runners": 1, "callbacks": "killing.Killing"},
@@ -249,7 +249,7 @@ def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_is_one_message_that_says_how_to_go_on(ray_session, tmp_path, monkeypatch):
+def test_a_full_disk_is_one_message_that_says_how_to_continue(ray_session, tmp_path, monkeypatch):
     add = TrainingLog.add
 
     def full(log, flat):

@@ -70,7 +70,7 @@ def test_old_names_mean_the_new_ones():
     assert not gone & set(found.settings)
 
 
-def test_each_translated_key_is_told_once():
+def test_each_translated_key_is_reported_once():
     notes = translate_rllib({"num_workers": 1, "horizon": 10, "gamma": 0.9}).notes
     assert len(notes) == 2
     assert notes[0] == "`num_workers` is now `num_env_runners`"
@@ -151,7 +151,7 @@ def test_what_is_infinite_or_null_on_purpose_is_taken():
     assert not translate_tune({"stop": {"time_total_s": float("inf"), "episode_reward_mean": -3}}).problems
 
 
-def test_weights_that_are_not_there_are_told_before_ray(tmp_path):
+def test_weights_that_are_not_there_are_reported_before_ray(tmp_path):
     model = {"model_config": {"initial_weights": str(tmp_path / "none")}}
     team = [PolicySpec(name, (name,), "PPO", model) for name in ("one", "two")]
     found = read_settings({}, {}, {}, team)

@@ -89,7 +89,7 @@ def test_a_callback_that_cannot_begin_is_named():
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "shown"),
     [
         ({"scheduler": {"functor": "ray.tune.schedulers.ASHA"}}, "module 'ray.tune.schedulers' has no 'ASHA'"),
         ({"scheduler": "ray.tune.Callback"}, "'ray.tune.Callback' is not a scheduler of ray.tune"),
@@ -98,9 +98,9 @@ def test_a_callback_that_cannot_begin_is_named():
         ({"callbacks": [ASHA]}, r"tune_config.callbacks\[0\]: .* is not a ray.tune.Callback; give RLlib's"),
     ],
 )
-def test_what_cannot_be_built_is_one_message(keys, told):
+def test_what_cannot_be_built_is_one_message(keys, shown):
     settings = settings_of(**keys)
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=shown):
         scheduler_of(settings) or callbacks_of(settings)
 
 

@@ -1,4 +1,4 @@
-"""Train a team, or go on with a run: ``train_dummy.py OUTPUT ITERATIONS [RUN]``; a test kills it."""
+"""Train a team, or continue a run: ``train_dummy.py OUTPUT ITERATIONS [RUN]``; a test kills it."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 
 
 def entries(figure: Any) -> list[list[Any]]:
-    """Return an entry for the figure and each visible artist: a text that tells its kind and look, and its numbers."""
+    """Return an entry for the figure and each visible artist: a text with its kind and look, and its numbers."""
     whole = [f"figure {to_hex(figure.get_facecolor())}", [*_floats(figure.get_size_inches()), float(figure.dpi)]]
     found = [[f"{place} {words}", numbers] for place, artist in _artists(figure) for words, numbers in _told(artist)]
     return [whole, *found]

@@ -40,7 +40,7 @@ def test_the_mean_of_lines_on_other_grids_is_a_line():
     assert (found.curves == 2).all()
 
 
-def test_past_the_end_of_a_shorter_run_the_others_go_on():
+def test_past_the_end_of_a_shorter_run_the_others_continue():
     short, long = np.array([0.0, 50.0]), np.array([10.0, 100.0])
     found = band([(short, np.zeros(2)), (long, np.ones(2))])
     alone = found.steps > 50.0

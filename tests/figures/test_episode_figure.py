@@ -24,7 +24,7 @@ def texts(figure):
     return [text.get_text() for text in figure.texts]
 
 
-def test_a_trajectory_renders_and_tells_what_was_inspected(flown, tmp_path):
+def test_a_trajectory_renders_and_states_what_was_inspected(flown, tmp_path):
     figure = trajectory_figure(flown)
     seen = int(np.isfinite(flown.inspected_at).sum())
     assert 0 < seen < 100

@@ -112,7 +112,7 @@ def test_the_pictures_go_to_ffmpeg_one_by_one(film, tmp_path, monkeypatch):
     np.testing.assert_array_equal(raw[4], film.picture(4))
 
 
-def test_what_ffmpeg_says_is_told(film, tmp_path, monkeypatch):
+def test_what_ffmpeg_says_is_reported(film, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 3\n")
     program.chmod(0o755)
@@ -147,7 +147,7 @@ def test_a_film_that_is_stopped_ends_ffmpeg_and_leaves_the_former_one(film, tmp_
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "ffmpeg"]
 
 
-def test_a_full_disk_is_told_once(film, tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_once(film, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     program.write_text(
         "#!/bin/sh\necho av_interleaved_write_frame: No space left on device >&2\necho failed >&2\nexit 1\n"

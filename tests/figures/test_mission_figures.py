@@ -93,7 +93,7 @@ def test_the_tube_is_as_wide_as_its_box() -> None:
     np.testing.assert_allclose(np.abs(ribbon(path, np.full(11, 0.05), above, turned)[:, 1]), 0.05 * np.sqrt(2.0))
 
 
-def test_the_view_shows_a_path_beside_what_would_hide_it() -> None:
+def test_the_view_shows_a_path_next_to_what_would_hide_it() -> None:
     solid = Solid.of(OrientedBoxes(np.zeros((1, 3)), np.array([[1.0, 1.0, 2.0]]), np.eye(3)[None]), 0.5)
     path = np.linspace([3.0, 0.0, 0.0], [1.5, 0.0, 0.0], 20)
     view = best_view(path, solid, np.eye(3))

@@ -79,7 +79,7 @@ def test_the_page_fits_the_screen(page: Path, width: int, scheme: str) -> None:
     assert found["background"] == ("rgb(20, 23, 28)" if scheme == "dark" else "rgb(255, 255, 255)")
     assert found["spaceHeight"] >= 240
     assert min(found["charts"]) >= 80
-    assert found["dashed"] == 3  # of eight deputies; five have colours of their own
+    assert found["dashed"] == 3  # of eight deputies; five have a distinct colour
     assert "in all" in found["counters"]
     assert "of seed 0" in found["title"]
     if width < 760:

@@ -1,6 +1,6 @@
-"""Figures, films and pages show what is on record: each text, line and area, where it stands and how it looks.
+"""Figures, films and pages are as recorded: the place and look of each text, line and area.
 
-A change that is meant to change a picture writes the record anew:
+To change a picture on purpose, write the record again:
 
     RECORD_PICTURES=1 python -m pytest -n 0 tests/figures/test_recorded_pictures.py
 """

@@ -17,7 +17,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     "C1": (
         "a copied environment flies another physics",
         (
-            "environments/test_copies.py::test_a_copy_taken_in_mid_episode_goes_on_as_the_original",
+            "environments/test_copies.py::test_a_copy_taken_in_mid_episode_continues_as_the_original",
             "environments/test_copies.py::test_supersuit_flies_the_same_environments",
         ),
     ),
@@ -58,7 +58,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         "recurrent policies cannot be flown",
         (
             "experiments/test_recurrent_policy.py::test_the_file_flies_as_the_checkpoint_does",
-            "cli/test_commands.py::test_a_policy_that_cannot_be_flown_is_told_before_the_training",
+            "cli/test_commands.py::test_a_policy_that_cannot_be_flown_is_reported_before_the_training",
         ),
     ),
     "C9": (
@@ -94,10 +94,10 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
     "C13": (
-        "the death of a process does not say how to go on",
+        "the death of a process does not say how to continue",
         (
-            "experiments/test_training.py::test_a_runner_that_is_killed_is_one_message_that_says_how_to_go_on",
-            "experiments/test_resume.py::test_a_killed_training_goes_on_from_the_newest_good_checkpoint",
+            "experiments/test_training.py::test_a_runner_that_is_killed_is_one_message_that_says_how_to_continue",
+            "experiments/test_resume.py::test_a_killed_training_continues_from_the_newest_good_checkpoint",
         ),
     ),
     "C14": (
@@ -124,7 +124,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("examples/test_plugin_package.py::test_the_examples_hold_a_plugin_of_each_kind",),
     ),
     "C18": (
-        "platforms are no plugins, and a filter is valid under physics that it does not know",
+        "platforms are not plugins, and a filter is valid under physics that it does not know",
         (
             "examples/test_plugin_package.py::test_the_formation_flies_with_what_the_package_brings",
             "config/test_guarantees.py::test_what_voids_the_guarantee_is_refused",
@@ -213,7 +213,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
         ("figures/test_curves.py::test_recipes_are_named_by_the_values_in_which_they_differ",),
     ),
     "U16": (
-        "the key of ten deputies tells no colours apart",
+        "the colours in the key of ten deputies cannot be distinguished",
         ("figures/test_page_in_browser.py::test_the_page_fits_the_screen",),
     ),
     "U17": (
@@ -233,7 +233,7 @@ HELD: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "U19": (
         "the rows after a resume look like a lost policy",
-        ("experiments/test_resume.py::test_a_killed_training_goes_on_from_the_newest_good_checkpoint",),
+        ("experiments/test_resume.py::test_a_killed_training_continues_from_the_newest_good_checkpoint",),
     ),
     "U20": (
         "onnxruntime writes into the home folder",

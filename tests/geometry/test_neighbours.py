@@ -96,7 +96,7 @@ def test_a_scan_is_that_of_numpy(seed: int, max_range: float) -> None:
         np.testing.assert_allclose(ranges, expected, rtol=1e-15)
 
 
-def test_pairs_stand_in_the_order_of_a_triangle() -> None:
+def test_pairs_are_in_the_order_of_a_triangle() -> None:
     position = np.stack([grid(seed) for seed in range(5)])
     first, second = np.triu_indices(DEPUTIES, 1)
     found = np.full((5, len(first)), np.nan)

@@ -41,7 +41,7 @@ def test_points_lie_flat_in_the_picture_of_the_camera_and_of_one_in_another_fram
     [
         ((-5.0, 0.0, 0.0), True),
         ((5.0, 0.0, 0.0), False),
-        ((0.0, 1.0, 0.0), False),  # beside the sphere's middle: not behind
+        ((0.0, 1.0, 0.0), False),  # next to the sphere's centre: not behind
         ((-5.0, 1.9, 0.0), True),
         ((-5.0, 0.0, 2.0), False),  # on the outline
         ((-5.0, 1.5, -1.5), False),
@@ -72,7 +72,7 @@ def test_an_arrow_ends_at_the_radius_with_barbs_to_both_sides() -> None:
     np.testing.assert_allclose(right, [6.0 - 0.54 + 0.4, 8.0 - 0.72 - 0.3, 0.0])
 
 
-def test_shown_pieces_go_on_to_the_next_point() -> None:
+def test_shown_pieces_continue_to_the_next_point() -> None:
     way, shown = np.arange(12.0).reshape(6, 2), np.array([True, False, False, True, True, False])
     found = pieces(way, shown)
     assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False, False]

@@ -95,7 +95,7 @@ def test_bad_number(count: object) -> None:
         sphere_points("fibonacci", count, 10.0)  # type: ignore[arg-type]
 
 
-def test_unknown_algorithm_is_told_the_nearest() -> None:
+def test_unknown_algorithm_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="did you mean `fibonacci`"):
         sphere_points("fibonaci", 100, 10.0)
 

@@ -66,7 +66,9 @@ def test_bounds_of_observations():
     linear = ObserveSensor(sensor="Sensor_SunAngle", normalization=Normalization())
     np.testing.assert_allclose(np.ravel(linear.bounds(PARTS)), [-1.0, 1.0])
     np.testing.assert_array_equal(ObserveSensor().bounds(PARTS), [[-np.inf] * 3, [np.inf] * 3])
-    direction = ObserveSensor(sensor="Sensor_UninspectedPoints", output_units="m")  # the peer's files say so
+    direction = ObserveSensor(
+        sensor="Sensor_UninspectedPoints", output_units="m"
+    )  # as in the files of safe-autonomy-sims
     np.testing.assert_array_equal(direction.bounds(PARTS), [[-1.0] * 3, [1.0] * 3])
 
 

@@ -25,7 +25,7 @@ def lines() -> list[str]:
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
             package, room, *_ = *plugin.__module__.split("."), ""
-            if package == "safe_inspect" and room != "testing":  # which has examples of its own
+            if package == "safe_inspect" and room != "testing":  # which contains further examples
                 schema = plugin.model_json_schema()
                 found |= set(_fields(f"{kind} {name}", schema))
                 for part, inner in schema.get("$defs", {}).items():

@@ -21,8 +21,8 @@ def check_record(path: Path, name: str, found: Mapping[str, Any]) -> None:
 
     Args:
         path: The file.
-        name: The name under which the arrays stand there.
-        found: The arrays by their names; infinite and undefined numbers stand as texts.
+        name: The name of the arrays in the file.
+        found: The arrays by their names; infinite and undefined numbers are written as texts.
     """
     arrays = {key: np.asarray(value, np.float64).ravel() for key, value in found.items()}
     if os.environ.get("RECORD_RESULTS"):

@@ -1,6 +1,6 @@
 """Every number of the recorded flights is as recorded: refactoring changes no bit.
 
-A change that is meant to change numbers writes the record anew, and says why:
+To change numbers on purpose, write the record again and say why:
 
     python tests/golden/record.py
 """

@@ -13,7 +13,7 @@ from safe_inspect.config.models.experiment import (
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import registry
 
-#: Names of the grammar that stand for no plugin, each with the check of the model that takes it.
+#: Names of the grammar that do not mean a plugin, each with the check of the model that takes it.
 _GRAMMAR = {
     "TrainableBaseAgent": lambda name: AgentConfig.__pydantic_validator__.validate_assignment(
         AgentConfig.model_construct(), "agent", name
@@ -33,7 +33,7 @@ _RENAMED = {"SunEntity": "Sun"}
 
 
 @pytest.mark.parametrize("alias", sorted(ALIASES))
-def test_alias_stands_for_a_plugin_or_a_name_of_the_grammar(alias: str) -> None:
+def test_alias_means_a_plugin_or_a_name_of_the_grammar(alias: str) -> None:
     name = ALIASES[alias]
     kinds = [kind for kind in registry.kinds() if name in dict(registry.items(kind))]
     if name in _GRAMMAR:

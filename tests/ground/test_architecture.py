@@ -28,7 +28,7 @@ def test_every_folder_of_the_page_exists_and_every_folder_is_on_it():
             assert (PACKAGE / folder).is_dir(), f"{folder} of docs/architecture.md does not exist"
 
 
-def test_no_folder_is_too_full_and_few_modules_stand_at_the_top():
+def test_no_folder_is_too_full_and_few_modules_are_at_the_top():
     crowded = {
         folder.relative_to(ROOT).as_posix(): count
         for folder in [PACKAGE, *(path.parent for path in PACKAGE.glob("**/__init__.py"))]

@@ -1,4 +1,4 @@
-"""The source distribution and the wheel hold what the package needs, and work in an environment of their own."""
+"""The source distribution and the wheel contain what the package needs, and work in a separate environment."""
 
 from __future__ import annotations
 

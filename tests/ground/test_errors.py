@@ -15,11 +15,11 @@ def test_location_says_file_and_line() -> None:
     ("problem", "text"),
     [
         (Problem("it is wrong"), "it is wrong"),
-        (Problem("it is wrong", hint="mend it"), "it is wrong; mend it"),
+        (Problem("it is wrong", hint="fix it"), "it is wrong; fix it"),
         (Problem("it is wrong", "rewards[0].config.scael"), "rewards[0].config.scael: it is wrong"),
         (
-            Problem("it is wrong", "rewards[0]", Location("agent.yml", 7, 3), "mend it"),
-            "agent.yml:7 rewards[0]: it is wrong; mend it",
+            Problem("it is wrong", "rewards[0]", Location("agent.yml", 7, 3), "fix it"),
+            "agent.yml:7 rewards[0]: it is wrong; fix it",
         ),
         (Problem("it is wrong", location=Location("agent.yml", 7)), "agent.yml:7: it is wrong"),
     ],
@@ -28,7 +28,7 @@ def test_problem_says_where_what_and_what_to_do(problem: Problem, text: str) -> 
     assert str(problem) == text
 
 
-def test_config_error_tells_every_problem_in_a_line() -> None:
+def test_config_error_states_every_problem_in_a_line() -> None:
     problems = [Problem("one", "a"), Problem("two", "b")]
     error = ConfigError(problems)
     assert error.problems == tuple(problems)

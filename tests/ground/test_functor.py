@@ -75,7 +75,7 @@ def test_every_mistake_has_its_path(value: Any, path: tuple[Any, ...], text: str
     assert text in found[path]
 
 
-def test_all_mistakes_of_a_functor_are_told_together() -> None:
+def test_all_mistakes_of_a_functor_are_reported_together() -> None:
     value = {"functor": "ObservedPointsReward", "nam": "x", "config": {"scale": "x", "scael": 1}, "wrapped": {}}
     assert set(mistakes("reward", value)) == {("nam",), ("config", "scale"), ("config", "scael"), ("wrapped",)}
 

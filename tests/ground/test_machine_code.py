@@ -21,7 +21,7 @@ KERNEL = "from safe_inspect.compiling import njit\n@njit\ndef double(x): return 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A package of its own, and a user's folder."""
+    """A separate package, and a user's folder."""
     monkeypatch.setattr(folders, "PACKAGE", tmp_path / "package")
     monkeypatch.setattr(folders, "user_folder", lambda: tmp_path / "user")
     (tmp_path / "package").mkdir()

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 REMEDY = (
     "run all tests and `python benchmarks/suite.py --quick --compare benchmarks/reference.json` with it; where they "
     "pass, write it in constraints.txt and the minor release after it as the upper bound in setup.cfg; where they "
-    "fail, mend what calls Numba, which is safe_inspect/compiling"
+    "fail, fix what calls Numba, which is safe_inspect/compiling"
 )
 
 

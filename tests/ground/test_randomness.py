@@ -30,7 +30,7 @@ def test_philox_known_answers(counter: tuple[int, ...], key: tuple[int, int], wo
     assert tuple(int(word) for word in philox4x32(*(np.uint64(word) for word in (*counter, *key)))) == words
 
 
-def test_philox_gives_every_counter_words_of_its_own() -> None:
+def test_philox_gives_every_counter_its_own_words() -> None:
     words = {tuple(map(int, philox4x32(*map(np.uint64, (counter, 0, 0, 0, 1, 2))))) for counter in range(4096)}
     assert len(words) == 4096
     assert max(map(max, words)) < 2**32

@@ -41,7 +41,7 @@ def test_defining_a_class_registers_it_under_its_name_or_another() -> None:
         registry.get("reward", "LabelledReward")
 
 
-def test_a_taken_name_is_refused_and_both_owners_are_told() -> None:
+def test_a_taken_name_is_refused_and_both_owners_are_reported() -> None:
     class PlainReward(Reward):
         def __call__(self, step):
             return step.dt
@@ -68,7 +68,7 @@ def test_a_class_that_is_defined_again_replaces_itself() -> None:
     assert registry.get("reward", "CellReward") is second
 
 
-def test_one_name_may_stand_for_two_kinds() -> None:
+def test_one_name_may_mean_two_kinds() -> None:
     class Twin(Plugin):
         kind: ClassVar[str] = "done"
 
@@ -138,7 +138,7 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "shown"),
     [
         ("import no_such_dependency\n", "py:1: ModuleNotFoundError: No module named 'no_such_dependency'"),
         ("x = 1\n1 / 0\n", "py:2: ZeroDivisionError: division by zero"),
@@ -151,21 +151,21 @@ def test_a_dotted_path_imports_its_module(tmp_path: Path, monkeypatch: pytest.Mo
     ],
 )
 def test_a_module_that_fails_by_itself_is_named_with_its_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, shown: str
 ) -> None:
     write_module(tmp_path, monkeypatch, "ground_broken_module", text)
     with pytest.raises(RegistryError) as caught:
         registry.get("reward", "ground_broken_module.FarReward")
     assert str(caught.value).startswith("module 'ground_broken_module' cannot be imported: ")
-    assert told in str(caught.value)
+    assert shown in str(caught.value)
 
 
-def test_an_abstract_class_is_no_plugin_to_name() -> None:
+def test_an_abstract_class_is_not_a_plugin_to_name() -> None:
     with pytest.raises(RegistryError, match=r"'safe_inspect.rewards.Reward' is an abstract class; name one of"):
         registry.get("reward", "safe_inspect.rewards.Reward")
 
 
-def test_a_class_that_lacks_a_method_is_told_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_class_that_lacks_a_method_is_refused_with_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "from safe_inspect.rewards import Reward\n\n\nclass IdleReward(Reward):\n    pass\n"
     write_module(tmp_path, monkeypatch, "ground_idle_module", text)
     with pytest.raises(

@@ -76,7 +76,7 @@ def test_observations_that_are_not_finite_are_refused(either, bad, drawn):
         either._policy(observations.astype(np.float32))
 
 
-def test_an_argument_of_another_library_is_told_what_is_taken(either):
+def test_an_argument_of_another_library_lists_what_is_taken(either):
     with pytest.raises(TypeError, match="unexpected keyword argument 'deterministic'; without `generator` it"):
         either.predict(np.zeros(13), deterministic=True)
 
@@ -89,7 +89,7 @@ def test_a_shipped_policy_flies_without_onnxruntime(monkeypatch):
     assert candidate.spec is candidate.experiment.spec
 
 
-def test_what_cannot_be_loaded_is_told():
+def test_what_cannot_be_loaded_is_reported():
     with pytest.raises(SafeInspectError, match="inspector: a scripted policy acts inside the environment"):
         safe_inspect.load_policy("inspector")
     with pytest.raises(CheckpointError, match="the policy is of another task"):

@@ -78,7 +78,7 @@ def test_the_file_is_evaluated_with_the_task_in_which_it_was_trained(tmp_path, c
 
 
 @pytest.mark.parametrize(
-    ("make", "task", "told"),
+    ("make", "task", "shown"),
     [
         (lambda: _model("PPO", DOCKING), LEVELS, "the task in which it was trained"),
         (lambda: _model("PPO", DOCKING, use_sde=True), DOCKING, "use_sde"),
@@ -94,8 +94,8 @@ def test_the_file_is_evaluated_with_the_task_in_which_it_was_trained(tmp_path, c
         ),
     ],
 )
-def test_what_no_file_can_hold_is_refused_and_leaves_none(make, task, told, tmp_path):
-    with pytest.raises(CheckpointError, match=told):
+def test_what_no_file_can_hold_is_refused_and_leaves_none(make, task, shown, tmp_path):
+    with pytest.raises(CheckpointError, match=shown):
         export_onnx(make(), task, tmp_path / "policy.onnx")
     assert not list(tmp_path.iterdir())
 

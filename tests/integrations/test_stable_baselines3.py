@@ -62,7 +62,7 @@ def test_sac_learns_on_it():
     assert model.num_timesteps == 24
 
 
-def test_the_rows_of_a_batch_have_no_attributes_of_their_own():
+def test_the_rows_of_a_batch_have_no_separate_attributes():
     vector = BatchedVecEnv(ID, 3)
     assert vector.get_attr("num_envs") == [3, 3, 3]
     assert vector.env_is_wrapped(object) == [False] * 3

@@ -37,7 +37,7 @@ def test_an_id_is_made_by_torchrls_own_line():
 
 
 def test_the_batch_begins_again_by_itself():
-    task = "safe_inspect/TranslationalInspection-v1"  # whose resets have infos of their own
+    task = "safe_inspect/TranslationalInspection-v1"  # whose resets have additional infos
     envs = GymWrapper(safe_inspect.make_vec(task, 3, ["horizon=7"], autoreset_mode="SameStep", seed=4))
     found = envs.rollout(20, break_when_any_done=False)
     assert int(found["next", "done"].sum()) >= 6

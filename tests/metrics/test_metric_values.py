@@ -73,7 +73,7 @@ def test_every_built_in_metric_is_measured(flown):
 
 
 def test_metrics_agree_with_what_was_recorded(flown):
-    """Agents that ended before their episode coast on; what they did then is none of their own."""
+    """Agents that ended before their episode continue to coast; that part is not counted for them."""
     for row, one in enumerate(flown.trajectories):
         for deputy, agent in enumerate(flown.agents.values()):
             last = agent.length[row]
@@ -225,7 +225,7 @@ def test_a_users_metric_of_each_reduction(forgetful):
     assert found == {"sum": 120.0, "max": 60.0, "min": 20.0, "last": 60.0, "mean": 40.0}
 
 
-def test_what_a_metric_may_not_return_is_told(forgetful):
+def test_what_a_metric_may_not_return_is_reported(forgetful):
     class Endless(Metric):
         """Infinity."""
 
@@ -251,7 +251,7 @@ def test_what_a_metric_may_not_return_is_told(forgetful):
         rollout(spec, ZeroThrust(), 2, metrics=[Wide()])
 
 
-def test_metrics_that_do_not_fit_the_task_are_told():
+def test_metrics_that_do_not_fit_the_task_are_reported():
     spec = spec_of(TASKS[0])
     with pytest.raises(SafeInspectError, match="no entity 'cheif'; did you mean `chief`"):
         rollout(spec, ZeroThrust(), 1, metrics=[SmallestRange(entity_name="cheif")])
@@ -260,7 +260,7 @@ def test_metrics_that_do_not_fit_the_task_are_told():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "shown"),
     [
         ("DeltaVV", "did you mean `DeltaV`"),
         ("ObservedPointsReward", "is a reward; a metric is wanted here"),
@@ -273,9 +273,9 @@ def test_metrics_that_do_not_fit_the_task_are_told():
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),
     ],
 )
-def test_metrics_are_read_by_name_and_mistakes_told(text, told):
+def test_metrics_are_read_by_name_and_mistakes_reported(text, shown):
     good = read_metrics(["DeltaV", "safe_inspect.metrics.DeltaV", "{functor: TimeToCoverage, config: {fraction: 0.5}}"])
     assert good == [DeltaV(), DeltaV(), TimeToCoverage(fraction=0.5)]
     with pytest.raises(SafeInspectError) as error:
         read_metrics([text])
-    assert told in str(error.value)
+    assert shown in str(error.value)

@@ -1,7 +1,7 @@
 """An episode that safe-autonomy-sims recorded replays: states, counts, sun and each reward term at every step.
 
-The record is the peer's own test data and not part of this repository. It is looked for in the folder that the
-environment variable SAFE_INSPECT_PARITY names, else in `shared/parity` beside the repository.
+The record is test data of safe-autonomy-sims and not part of this repository. It is expected in the folder that the
+environment variable SAFE_INSPECT_PARITY names, or else in `shared/parity` next to the repository.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The command: it goes on after a stop with the same result, and says in one line what is wrong."""
+"""The command: it continues after a stop with the same result, and says in one line what is wrong."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def command(*texts: str) -> int:
 
 
 @pytest.mark.parametrize("kind", ["random", pytest.param("optimiser", marks=pytest.mark.long)])
-def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSpec, tmp_path: Path, kind: str) -> None:
+def test_a_run_that_was_stopped_continues_with_the_same_result(
+    spec: EnvironmentSpec, tmp_path: Path, kind: str
+) -> None:
     def stop(done: int, wanted: int) -> None:
         if done >= 2:
             raise StoppedError
@@ -45,13 +47,13 @@ def test_a_run_that_was_stopped_goes_on_with_the_same_result(spec: EnvironmentSp
         complete(spec, asked(kind), 4, path=stopped, batch=1, progress=stop)
     assert not stopped.exists()
     assert len(read_record(f"{stopped}.part").entries) == 2
-    told: list[int] = []
-    complete(spec, asked(kind), 4, path=stopped, batch=2, progress=lambda done, wanted: told.append(done))
+    shown: list[int] = []
+    complete(spec, asked(kind), 4, path=stopped, batch=2, progress=lambda done, wanted: shown.append(done))
     complete(spec, asked(kind), 4, path=whole, batch=4)
-    assert told == [2, 4]
+    assert shown == [2, 4]
     assert stopped.read_bytes() == whole.read_bytes()
     assert not Path(f"{stopped}.part").exists()
-    # More episodes go on from the file; fewer are read from it.
+    # A request for more episodes continues from the file; fewer are read from it.
     more = complete(spec, asked(kind), 5, path=stopped)
     assert more.entries[:4] == read_record(whole).entries
     assert complete(spec, asked(kind), 2, path=stopped).entries == more.entries[:2]
@@ -63,8 +65,8 @@ def test_a_file_of_another_run_is_kept_unless_forced(spec: EnvironmentSpec, tmp_
     complete(spec, asked("zero-thrust"), 2, path=path)
     before = path.read_bytes()
     other = Record("zero-thrust", 3, None, {"points": 99}, ABOUT)
-    for record, told in ((asked("zero-thrust", 4), "seed"), (asked("random"), "kind"), (other, "another task")):
-        with pytest.raises(OutputError, match=told):
+    for record, shown in ((asked("zero-thrust", 4), "seed"), (asked("random"), "kind"), (other, "another task")):
+        with pytest.raises(OutputError, match=shown):
             complete(spec, record, 2, path=path)
     assert path.read_bytes() == before
     complete(spec, asked("zero-thrust", 4), 2, path=path, force=True)
@@ -87,7 +89,7 @@ def test_a_policy_is_flown_as_in_a_rollout(spec: EnvironmentSpec, kind: str) -> 
 
 
 @pytest.mark.slow
-def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_file_states_every_episode(spec: EnvironmentSpec, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     path = tmp_path / "optimum.json"
     assert command("optimiser", "--episodes", "2", "--seed", "9", "--effort", "quick", "--output", str(path)) == 0
     printed = capsys.readouterr().out
@@ -102,7 +104,7 @@ def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, cap
 
 
 @pytest.mark.parametrize(
-    ("texts", "told"),
+    ("texts", "shown"),
     [
         (["optimser"], "did you mean `optimiser`"),
         (["inspector", "--effort", "quick"], "leave it out"),
@@ -112,9 +114,9 @@ def test_the_file_tells_every_episode(spec: EnvironmentSpec, tmp_path: Path, cap
         (["zero-thrust", "nonsense.path=1"], "nonsense"),
     ],
 )
-def test_mistakes_are_told_in_one_line(texts: list[str], told: str, tmp_path: Path) -> None:
+def test_mistakes_are_reported_in_one_line(texts: list[str], shown: str, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(SafeInspectError, match=told) as caught:
+    with pytest.raises(SafeInspectError, match=shown) as caught:
         command(*(text.format(folder=tmp_path) for text in texts), "--episodes", "1")
     assert "\n" not in str(caught.value)
 

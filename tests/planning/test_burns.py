@@ -175,7 +175,7 @@ def test_burns_are_put_in_order_and_none_begins_before_the_last_has_ended() -> N
 
 @pytest.mark.parametrize("name", ["none", "all"])
 @pytest.mark.parametrize("few", [False, True])
-def test_a_plan_is_kept_improved_before_its_burn_or_made_anew(name: str, few: bool) -> None:
+def test_a_plan_is_kept_improved_before_its_burn_or_made_again(name: str, few: bool) -> None:
     """Where all points are seen and where not, with another deputy near and without."""
     arrays: dict[str, list[Any]] = {"outcome": [], "start": [], "delta_v": [], "seed": []}
     for seed in range(12):

@@ -77,15 +77,15 @@ def test_weak_thrusters_burn_longer(entries: list[Entry]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cfg", "overrides", "told"),
+    ("cfg", "overrides", "shown"),
     [
         (configs_root() / "multiagent-translational-inspection" / "experiment.yml", [], "one deputy"),
         (SINGLE, [f"{AGENT}.glues.0.config.enabled=True"], "without a safety filter"),
         (SINGLE, [f"{AGENT}.dones.2.config={{weight_threshold: 0.95}}"], "all points"),
     ],
 )
-def test_tasks_that_it_cannot_plan_for_are_refused(cfg: object, overrides: list[str], told: str) -> None:
-    with pytest.raises(SafeInspectError, match=told):
+def test_tasks_that_it_cannot_plan_for_are_refused(cfg: object, overrides: list[str], shown: str) -> None:
+    with pytest.raises(SafeInspectError, match=shown):
         optimise(load_spec(str(cfg), overrides), 1, 0, 0, EFFORTS["quick"])
 
 

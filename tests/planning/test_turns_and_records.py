@@ -98,7 +98,7 @@ def test_a_file_holds_what_a_record_does(tmp_path: Path) -> None:
         ({"entries": ()}, ""),
     ],
 )
-def test_records_of_other_runs_are_told_apart(change: dict[str, Any], shown: str) -> None:
+def test_records_of_other_runs_are_distinguished(change: dict[str, Any], shown: str) -> None:
     assert RECORD.difference(replace(RECORD, **change)) == shown
 
 

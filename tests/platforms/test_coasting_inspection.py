@@ -33,7 +33,7 @@ def read(env, **fields):
 
 
 def coasted(env, steps):
-    """Return which points each environment has inspected after coasting, and whether its episode goes on."""
+    """Return which points each environment has inspected after coasting, and whether its episode continues."""
     goes_on = np.ones(env.num_envs, dtype=np.bool_)
     for _ in range(steps):
         goes_on &= ~env.step(np.zeros((env.num_envs, 1, 4))).done[:, 0]

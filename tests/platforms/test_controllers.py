@@ -48,12 +48,12 @@ def test_what_a_controller_cannot_be(config, words):
     assert words in f"{error['loc']} {error['msg']}"
 
 
-def test_the_peers_property_is_known():
+def test_the_property_of_safe_autonomy_sims_is_known():
     name = "safe_autonomy_sims.platforms.cwh.cwh_properties.ThrustProp"
     assert RateController(property_class=name).limits[1] == 1.0
 
 
-def test_a_part_may_be_named_beside_its_config():
+def test_a_part_may_be_named_next_to_its_config():
     part = build("part", {"part": "RateController", "name": "X Thrust", "config": {"axis": 0}})
     assert part.part_name == "X Thrust"
     assert build("part", {"part": "RateController"}).part_name == "RateController"

@@ -57,7 +57,7 @@ class TestCoastingRange:
                 position, velocity = generator.uniform(-80.0, 80.0, 3), generator.uniform(-0.2, 0.2, 3)
                 found = self.read(fixed_start, position, velocity, duration=duration)
                 near, far = coasting(position, velocity, duration)
-                assert near - 0.5 <= found[0] <= near + 1e-9  # the table stands still between its seconds
+                assert near - 0.5 <= found[0] <= near + 1e-9  # the table is constant between its seconds
                 assert far - 1e-9 <= found[1] <= far + 0.5
 
 

@@ -204,7 +204,7 @@ def test_several_inspectors_share_the_work_and_keep_apart(shipped: Path) -> None
     assert flown.nearest > 15.0
 
 
-def test_an_inspector_off_its_course_plans_anew(shipped: Path) -> None:
+def test_an_inspector_off_its_course_plans_again(shipped: Path) -> None:
     environment = TeamEnvironment(team_of(shipped, NaturalMotionInspector()), 6, seed=5)
     environment.reset()
     for _ in range(40):

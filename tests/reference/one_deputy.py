@@ -238,7 +238,7 @@ class OneDeputy:
 
 
 def fly(deputy: OneDeputy, control: Callable[[Flight], np.ndarray]) -> Flight:
-    """Go on with an episode until it ends."""
+    """Continue an episode until it ends."""
     while deputy.flight.status == "running":
         deputy.step(control(deputy.flight))
     return deputy.flight

@@ -1,4 +1,4 @@
-"""The small simulation is the reference of parity: it replays the peer's episode, and the variant flies as it does."""
+"""The small simulation is the reference of parity: it replays the recorded episode, and the variant agrees with it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_it_replays_the_recorded_episode():
 
 @pytest.mark.parametrize("strength", [0.03, 1.0])
 def test_the_variant_flies_as_it_does(strength):
-    """With the settings of the peer, without its record."""
+    """With the settings of safe-autonomy-sims, without its record."""
     names = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
     state, sun = np.array([31.0, -52.0, 24.0, 0.12, -0.05, -0.08]), 5.9
     reset = "agent_config.blue0_ctrl.config.config.simulator_reset_parameters.config"

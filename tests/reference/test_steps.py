@@ -88,7 +88,7 @@ def test_episodes_that_follow_one_another(name):
 
 
 def test_a_batch_is_as_many_small_simulations():
-    """Rewards, ends and infos of `InspectionVectorEnv`, and of the step in which it begins an episode anew."""
+    """Rewards, ends and infos of `InspectionVectorEnv`, and of the step in which it resets an episode."""
     rows, steps = 4, 330
     env = InspectionVectorEnv(load_spec(TASKS["seed"][0]), rows)
     deputies = [OneDeputy(SEED) for _ in range(rows)]

@@ -21,7 +21,7 @@ def test_it_stays_in_the_keep_in_box_where_that_opens_the_range() -> None:
     velocity = departure_velocity(position, 0.02, 60.0, _KEEP_IN)
     np.testing.assert_allclose(velocity, [0.0, -0.02, 0.0])
     assert (np.abs(position + 60.0 * velocity) <= _KEEP_IN).all()
-    # From beside the target the long axis of the box would not lead away.
+    # Next to the target, the long axis of the box does not lead away from it.
     velocity = departure_velocity(np.array([0.7, -0.1, 0.0]), 0.02, 60.0, _KEEP_IN)
     assert velocity @ [0.7, -0.1, 0.0] > 0.0
 

@@ -167,7 +167,7 @@ def test_tumbles_of_many_missions_are_drawn() -> None:
     assert re.search(r"following the mating point in \d+ of 20 missions, such as \d+, takes", doubt)
 
 
-def test_a_file_that_a_plugin_reads_is_found_beside_the_file_that_names_it(tmp_path: Path, monkeypatch) -> None:
+def test_a_file_that_a_plugin_reads_is_found_next_to_the_file_that_names_it(tmp_path: Path, monkeypatch) -> None:
     trimesh = pytest.importorskip("trimesh")
     shapes, parts, elsewhere = (tmp_path / name for name in ("shapes", "parts", "elsewhere"))
     for folder in (shapes, parts, elsewhere):
@@ -198,7 +198,7 @@ def test_a_library_that_is_not_installed_is_named_with_the_extra() -> None:
         require("no_such_library")
 
 
-def test_a_library_that_lacks_one_of_its_own_is_not_taken_for_missing(tmp_path: Path, monkeypatch) -> None:
+def test_a_library_that_lacks_a_dependency_is_not_taken_for_missing(tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "half_a_library.py").write_text("import no_such_library\n")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ModuleNotFoundError, match="No module named 'no_such_library'"):

@@ -70,7 +70,7 @@ def test_the_same_seed_gives_the_same_bytes(flown: MissionResult) -> None:
         assert array.tobytes() == second[name].tobytes(), name
 
 
-def test_a_written_mission_is_replayed_to_the_bit(flown: MissionResult, tmp_path: Path) -> None:
+def test_a_written_mission_is_replayed_bit_for_bit(flown: MissionResult, tmp_path: Path) -> None:
     flown.log.write(tmp_path, _load(*_SHORT, *_ERRORS).text, flown.summary)
     assert {path.name for path in tmp_path.iterdir()} == {
         "config.resolved.yml", "events.jsonl", "log.npz", "plan_0.npz", "summary.json",
@@ -138,7 +138,7 @@ def test_a_mission_that_is_out_of_time_on_the_approach_retreats() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["camera", "imu", "planner"])
-def test_a_mission_goes_on_after_a_fault_that_ends(kind: str) -> None:
+def test_a_mission_continues_after_a_fault_that_ends(kind: str) -> None:
     fault = f"mission.faults=[{{kind: {kind}, start: 20 s, duration: 8 s}}]"
     result = Mission(_load(*_SHORT, *_ERRORS, fault).config, 2).run()
     assert result.summary["success"], _phases(result)
@@ -147,7 +147,7 @@ def test_a_mission_goes_on_after_a_fault_that_ends(kind: str) -> None:
 
 
 @pytest.mark.slow
-def test_an_approach_is_planned_anew_where_the_solver_fails() -> None:
+def test_an_approach_is_planned_again_where_the_solver_fails() -> None:
     fault = "mission.faults=[{kind: solver, start: 20 s, duration: 0.6 s}]"
     result = Mission(_load(*_SHORT, *_ERRORS, fault).config, 2).run()
     assert _phases(result).count("TRACK") > 1

@@ -34,7 +34,7 @@ def test_a_reference_beyond_the_bound_is_named_with_its_time(plan, bound, design
     position = plan.position.copy()
     position[50, 1] += 0.04
     moved = TrackedReference(position, plan.velocity)
-    assert "by 0.040 m at 10.0 s, 0.030 m are bounded" in reference_problem(design, plan, bound, moved)
+    assert "by 0.040 m at 10.0 s, more than the bound of 0.030 m" in reference_problem(design, plan, bound, moved)
     assert reference_problem(design, plan, bound, moved, 51) == ""  # that is over
 
 

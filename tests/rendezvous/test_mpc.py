@@ -121,7 +121,7 @@ def test_limits_that_close_after_the_first_step_fly_the_rest_of_the_last_solutio
     later = [mpc.step(estimate, outside, k).status[0] for k in range(2, 25)]
     worst = later.index(AxisStatus.REGULATOR)
     assert set(later[:worst]) == {AxisStatus.SHIFTED}
-    assert set(later[worst + 1 :]) == {AxisStatus.SOLVED}  # anew, from the error about what is now the reference
+    assert set(later[worst + 1 :]) == {AxisStatus.SOLVED}  # restarted, from the error about the new reference
 
 
 def test_a_reference_that_jumps_within_its_bound_leaves_the_programme_feasible(tube, reference):

@@ -145,7 +145,7 @@ def test_limons_double_integrator_settles_next_to_a_target_out_of_reach():
     np.testing.assert_allclose(last, (5.0, 0.0), atol=5e-3)
 
 
-def test_feasible_once_feasible_for_ever():
+def test_feasible_once_feasible_forever():
     programme = TrackingQP(AXIS.A, AXIS.B, 20)
     generator = np.random.default_rng(4)
     refused = 0

@@ -1,4 +1,4 @@
-"""Reward terms beside those that the episode by hand covers: their settings."""
+"""Reward terms that the episode by hand does not cover: their settings."""
 
 from __future__ import annotations
 

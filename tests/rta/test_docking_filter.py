@@ -150,7 +150,7 @@ def test_the_limit_is_kept_whatever_disturbs_within_the_bounds():
     assert broken > 100  # the same disturbances break what knows nothing of them
 
 
-def test_without_a_disturbance_the_thrusts_are_the_same_to_the_bit():
+def test_without_a_disturbance_the_thrusts_are_the_same_bit_for_bit():
     run, position, velocity, rng = draw(5, 500)
     desired = rng.normal(size=position.shape)
     none = SpeedLimitFilter(RTAGlueCWHDocking3d(), DisturbanceBounds())

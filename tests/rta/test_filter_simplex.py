@@ -36,7 +36,7 @@ def flown(state, control):
     return RelativeState(p, v, state.sun_angle + N * DT)
 
 
-def test_its_ellipse_is_safe_for_ever(safe):
+def test_its_ellipse_is_safe_forever(safe):
     simplex = SimplexFilter()
     position, velocity = simplex.ellipse(starts(safe, 1, 500))
     # where the deputy should be is on a closed natural motion without drift

@@ -29,7 +29,7 @@ from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 AGENT = "agent_config.0.config.config"
 
-#: A constraint with fields of its own, and the task's parameters that say the same of it.
+#: A constraint with explicit fields, and the parameters of the task that give the same constraint.
 SAME = {
     "chief_collision": (ChiefCollision(collision_radius=25.0), {"collision_radius": 25.0, "v0_distance": 10.0}),
     "rel_vel": (

@@ -53,7 +53,7 @@ class Plane(Constraint, name="TestPlane"):
 
 
 class Obstacle(Constraint, name="TestObstacle"):
-    """Stay out of a ball beside the chief.
+    """Stay out of a ball next to the chief.
 
     Attributes:
         centre: Its centre [m].
@@ -239,7 +239,7 @@ def test_the_way_back_leads_out_of_a_forbidden_region():
     assert (run.phi(state)[:, -1] >= 0.0).mean() > 0.9
 
 
-def test_several_of_one_class_stand_beside_each_other():
+def test_several_of_one_class_are_used_together():
     walls = [Plane(name=f"wall {i}", normal=normal, offset=80.0) for i, normal in enumerate(np.eye(3).tolist())]
     run = BackupFilter({}, (*NAMES, *walls))
     assert run.names[8:] == ("wall 0", "wall 1", "wall 2")

@@ -86,7 +86,7 @@ def test_the_least_violating_control_minimises_the_largest_violation():
         assert np.linalg.norm(control - desired) == pytest.approx(np.linalg.norm(nearest - desired), abs=1e-5)
 
 
-def test_a_control_that_breaks_nothing_is_unchanged_to_the_bit():
+def test_a_control_that_breaks_nothing_is_unchanged_bit_for_bit():
     desired, normals, bounds = feasible_problems(3, 20_000)
     desired *= 0.3
     free = (np.abs(desired).max(axis=1) <= 1.0) & ((normals * desired[:, None]).sum(axis=-1) >= bounds).all(axis=1)

@@ -81,7 +81,7 @@ def test_the_margin_of_a_hold(name: str) -> None:
 
 @pytest.mark.parametrize("orbits", [0.25, 4.0])
 def test_the_margin_of_coasting_from_a_hold_that_takes_many_cells(orbits: float) -> None:
-    """Far ahead or behind, coasting stays beside the chief for long: the number of cells is what ends the search."""
+    """Far ahead or behind, coasting remains near the chief for long: the number of cells ends the search."""
     horizon = orbits * 2.0 * np.pi / N
     model = BackupFilter({"psm_horizon": horizon}, ["PSM"], several_holds=False)._model
     work, where, generator = np.empty((64, 4), np.int64), np.empty(2, np.int64), np.random.default_rng(20)

@@ -43,7 +43,7 @@ CLOSE, NEAR, FAR, LOST = (10.2, 25.0, 0.1), (20.0, 100.0, 0.3), (740.0, 799.0, 0
 
 
 class Ball(Constraint, name="TestRecordedBall"):
-    """Stay out of a ball beside the chief, and slower than a line over y allows."""
+    """Stay out of a ball next to the chief, and slower than a line over y allows."""
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return how far out a deputy is."""

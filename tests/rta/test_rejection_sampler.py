@@ -146,7 +146,7 @@ def test_a_state_that_is_nan_is_refused():
     assert refused[1:].all()
 
 
-def test_a_wrapped_parameter_may_stand_for_one_drawn_before():
+def test_a_wrapped_parameter_may_mean_one_drawn_before():
     """An accessor keeps its rows apart while some rows are drawn again."""
     slots = np.arange(300)
     sun = UniformParameter(low=0.0, high=6.28)(Draw(Streams(4, slots, np.zeros_like(slots)), "sun"))
@@ -176,7 +176,7 @@ ARGUMENTS = {"functor": "RTAGlueCWHInspection1v1", "args": {"collision_radius": 
         ({"max_rejections": 0}, "config.max_rejections", "1"),
     ],
 )
-def test_mistakes_are_told_with_their_place(mapping, place, words):
+def test_mistakes_are_reported_with_their_place(mapping, place, words):
     fields = dict(mapping)
     with pytest.raises(PydanticCustomError) as caught:
         sampler(fields.pop("wrapped", None), fields.pop("rta", None), **fields)

@@ -71,7 +71,7 @@ def test_the_glue_asks_for_the_sum_of_what_it_wraps(spec_with):
     assert len(glue.leaves()) == 3
 
 
-def test_off_it_changes_and_tells_nothing(spec_with):
+def test_off_it_changes_and_reports_nothing(spec_with):
     env = BatchedEnvironment(spec_with(), 8, seed=SEED)
     env.reset()
     assert "interventions" not in state_info(env.view())
@@ -82,8 +82,8 @@ def test_off_it_changes_and_tells_nothing(spec_with):
         np.testing.assert_array_equal(step.control, step.desired_control)
         assert step.filtered is None
         assert not step.intervening.any()
-        told = transition_info(transition)
-        assert not [name for name in told if name.startswith("rta/") or name == "interventions"]
+        shown = transition_info(transition)
+        assert not [name for name in shown if name.startswith("rta/") or name == "interventions"]
     np.testing.assert_array_equal(env.state.interventions, 0)
 
 
@@ -116,7 +116,7 @@ def test_on_every_constraint_holds_under_adversaries(spec_with, method):
 
 
 def test_the_continuous_form_breaks_the_speed_limit_where_the_default_does_not(spec_with):
-    """Why the default is not the peer's form: its condition at the beginning of a hold says nothing of its end."""
+    """Why the default differs from safe-autonomy-sims: a condition at the start of a hold says nothing of its end."""
     least = {}
     for method in ("backup", "continuous"):
         env = BatchedEnvironment(spec_with(ON, f"{GLUE}.method={method}"), 32, seed=SEED)
@@ -323,9 +323,9 @@ def test_the_reset_info_counts_the_draws(spec_with, overrides):
     assert ("rejections/recoverable" in info) == (ON in overrides)
     row = int(np.argmax(refusals))
     _, single = InspectionEnv(spec, slot=row).reset(seed=SEED)
-    told = {name: value for name, value in single.items() if name.startswith("rejections/")}
-    assert told == {name: info[name][row] for name in told}
-    assert told["rejections/draws"] == 1 + refusals[row]
+    shown = {name: value for name, value in single.items() if name.startswith("rejections/")}
+    assert shown == {name: info[name][row] for name in shown}
+    assert shown["rejections/draws"] == 1 + refusals[row]
 
 
 @pytest.fixture
@@ -413,17 +413,17 @@ def test_an_intervention_belongs_to_the_method_backup():
         ("max_distance: 800 ", "max_distance: 9 ", ["r_max 9", "collision_radius 10", "no position is safe"]),
     ],
 )  # fmt: skip
-def test_wrong_parameters_are_told_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
+def test_wrong_parameters_are_reported_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
     agent = (copied / "agent-seed.yml").read_text()
     first = "        config:\n          training_export" if "colision" in wrong else "          r_max: "
     number = agent[: agent.index(first)].count("\n") + 1
     place = f"configs/translational-inspection/agent-seed.yml:{number} "
-    told = [line for line in text.splitlines() if line.startswith(place)]
-    assert len(told) == 1, text
+    shown = [line for line in text.splitlines() if line.startswith(place)]
+    assert len(shown) == 1, text
     assert "environment.yml:" in text
     for word in words:
-        assert word in told[0]
+        assert word in shown[0]
 
 
 @pytest.mark.usefixtures("own_constraint")
@@ -561,11 +561,13 @@ UNSAFE = {
 }
 
 
-@pytest.mark.parametrize(("position", "velocity", "told"), UNSAFE.values(), ids=UNSAFE.keys())
-def test_fixed_initial_states_that_the_filter_cannot_keep_are_told_at_the_reset(fixed_start, position, velocity, told):
+@pytest.mark.parametrize(("position", "velocity", "shown"), UNSAFE.values(), ids=UNSAFE.keys())
+def test_fixed_initial_states_that_the_filter_cannot_keep_are_reported_at_the_reset(
+    fixed_start, position, velocity, shown
+):
     env = BatchedEnvironment(fixed_start(position, velocity, 0.0, overrides=(ON,)), 2, seed=SEED)
     with pytest.warns(
-        UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{told}.*RejectionSampler"
+        UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{shown}.*RejectionSampler"
     ):
         env.reset()
 

@@ -21,7 +21,7 @@ def one(position, velocity=(0.0, 0.0, 0.0), sun_angle=0.0):
     ("sun_angle", "day_side"),
     [
         (0.0, (1.0, 0.0, 0.0)),  # (cos theta, -sin theta, 0): the sun is at +x
-        (math.pi / 2, (0.0, -1.0, 0.0)),  # at -y; a mirrored sun would stand at +y
+        (math.pi / 2, (0.0, -1.0, 0.0)),  # at -y; a mirrored sun would be at +y
         (math.pi, (-1.0, 0.0, 0.0)),
         (1.5 * math.pi, (0.0, 1.0, 0.0)),
     ],

@@ -92,7 +92,7 @@ def test_the_plan_in_memory_is_enough_to_stay_safe(run, start):
     assert not forgetful.infeasible.any()
 
 
-def test_admissible_thrusts_are_flown_to_the_bit(run, start):
+def test_admissible_thrusts_are_flown_bit_for_bit(run, start):
     desired = np.random.default_rng(7).uniform(-0.03, 0.03, start.position.shape)
     safe = run.admissible(start, desired)
     assert 0.2 < safe.mean() < 1.0

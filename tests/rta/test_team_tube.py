@@ -1,4 +1,4 @@
-"""The team's filter under a bounded disturbance: nothing is broken, also beside deputies whose agents have ended."""
+"""The team's filter under a bounded disturbance: nothing is violated, even near deputies whose agents have ended."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_no_deputy_breaks_a_constraint_and_ended_ones_track_their_plans():
         assert all((value >= 0.0).all() for value in phi.values())
         tracks = env.state.memory["whole team", "team safety filter", "tracks"].reshape(-1, DEPUTIES, 10)
         assert (tracks[..., 9] == 1.0).all()
-        if step > 9:  # the plan of an ended deputy is a closed motion, and it stays beside it
+        if step > 9:  # the plan of an ended deputy is a closed motion, and the deputy stays near it
             plan = tracks[::3, 1]
             np.testing.assert_allclose(plan[:, 4], -2.0 * 0.001027 * plan[:, 0], atol=1e-9)
             assert np.linalg.norm(env.state.position[::3, 1] - plan[:, :3], axis=1).max() < 0.5

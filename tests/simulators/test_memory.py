@@ -84,7 +84,7 @@ def test_arrays_lie_behind_each_other_at_multiples_of_64_bytes() -> None:
         state.start("time")
 
 
-def test_owned_and_remembered_arrays_have_names_of_their_own() -> None:
+def test_owned_and_remembered_arrays_have_their_own_names() -> None:
     state = filled()
     assert state.points["chief"].inspector is state["points/chief/inspector"]
     assert state.wide is state["wide"]
@@ -242,7 +242,7 @@ def test_an_axis_of_one_element_may_have_any_stride() -> None:
             _check(own, place_of(own, where)._replace(**change), where)
 
 
-def test_offered_names_stand_once_and_give_rows() -> None:
+def test_offered_names_occur_once_and_give_rows() -> None:
     world = scene().world
     giving = SimpleNamespace(
         of_world=lambda: {"rate": 1}, of_view=lambda: {"wide": OfView("wide"), "spent": OwnOfView("delta_v")},

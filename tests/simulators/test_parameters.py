@@ -129,7 +129,7 @@ def test_an_accessor_to_nothing_says_so(name):
         SimAttributeAccessor(attribute_name=name)(at)
 
 
-def test_the_peers_grammar_builds_a_parameter():
+def test_the_grammar_of_safe_autonomy_sims_builds_a_parameter():
     mapping = {
         "type": "corl.libraries.parameters.UniformParameter",
         "config": {"name": "radius", "units": "meters", "low": 50, "high": 100},

@@ -1,4 +1,4 @@
-"""Components of tasks: what they refuse, what they offer, and what their parameters stand for."""
+"""Components of tasks: what they refuse, what they offer, and what their parameters mean."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def test_a_batch_keeps_one_scale_for_each_slot(shipped, first_slot):
     np.testing.assert_allclose(env.state.delta_v_scale, scale, rtol=1e-12)
 
 
-def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
+def test_a_restored_scale_continues_as_if_nothing_had_happened():
     rng = np.random.default_rng(2)
     running = np.ones(3, dtype=np.bool_)
     whole, first = DeltaVScale(SCHEDULE, 3), DeltaVScale(SCHEDULE, 3)
@@ -134,8 +134,8 @@ def test_a_restored_scale_goes_on_as_if_nothing_had_happened():
 
 
 @pytest.mark.parametrize("rows", [[0], [3, 1], [4, 0, 2]])
-def test_slots_that_go_on_apart_count_as_if_they_had_stayed(rows):
-    """Some slots are taken out, go on alone, and are put back; the others wait meanwhile."""
+def test_slots_that_continue_apart_count_as_if_they_had_stayed(rows):
+    """Some slots are taken out, continue alone, and are put back; the others wait meanwhile."""
     rng, rows = np.random.default_rng(5), np.array(rows)
     whole, reference = DeltaVScale(SCHEDULE, 5), DeltaVScale(SCHEDULE, 5)
     for _ in range(60):

@@ -86,7 +86,7 @@ def test_a_violation_is_priced_and_ends_the_episode_when_it_has_summed_up():
     assert found.terminated.all()
     assert env.view().speed_limit_violations[0] == steps + 1  # the reset violates it too
     env.reset()
-    assert not step(env).done.any()  # the sum starts anew
+    assert not step(env).done.any()  # the sum is reset
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def test_a_start_depends_on_its_slot_alone():
         for name in names:
             assert (batch.state[name][4] == alone.state[name][0]).all()
     deputies = batch.state.orientation[0, :3]
-    assert len(np.unique(deputies[:, 0])) == 3  # each has an attitude of its own
+    assert len(np.unique(deputies[:, 0])) == 3  # the attitudes differ
 
 
 def test_deputies_that_would_start_too_near_are_drawn_again():
@@ -207,7 +207,7 @@ def test_rewards_of_time_and_of_leaving():
     assert rewards == [0.001, 0.001, 0.0]
 
 
-def test_the_peers_price_of_fuel_adds_moments():
+def test_the_fuel_price_of_safe_autonomy_sims_adds_moments():
     env = environment(
         [0, 0, 0, 1], overrides=["InspectionDeltaVReward.config={mode: constant, scale: -0.005, moments: True}"]
     )

@@ -28,7 +28,7 @@ def environment(num_envs: int, seed: int = 1) -> BatchedEnvironment:
     return env
 
 
-def test_a_view_tells_the_own_score_from_that_of_others():
+def test_a_view_distinguishes_the_own_score_from_that_of_others():
     env = TeamEnvironment(load_spec(TEAM), 2, seed=3)
     env.reset()
     state, world = env.state.points["chief"], env.simulation.world

@@ -1,1 +1,1 @@
-"""From relative poses and inertial measurements to the states of chaser and target: a factor graph."""
+"""Factor graph that estimates the states of chaser and target from relative poses and inertial measurements."""

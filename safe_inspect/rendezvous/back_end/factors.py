@@ -1,4 +1,4 @@
-"""The factors of the graph, by those of gtsam."""
+"""Factors of the graph, made of factors of gtsam."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from safe_inspect.types import FloatArray
 def key(letter: str, index: int = 0) -> int:
     """Return the key of a variable.
 
-    X T_WB, V velocity in W, B bias, G T_GB and Y the centre of mass in B, of each frame; O the centre of mass in G, P
-    that in W, M T_GM and Z the centre of mass in M.
+    Variables of each frame: X is T_WB, V the velocity in W, B the bias, G the pose T_GB and Y the centre of mass in B.
+    Constant variables: O is the centre of mass in G, P that in W, M the pose T_GM and Z the centre of mass in M.
     """
     return int(require("gtsam").symbol(letter.lower(), index))
 
 
 def edge_noise(covariance: FloatArray, huber: float) -> Any:
-    """Return the noise of a relative pose, with Huber's weight."""
+    """Return the noise model of a relative pose, with Huber's weights."""
     models = require("gtsam").noiseModel
     gaussian = models.Gaussian.Covariance(np.ascontiguousarray(covariance))
     return models.Robust.Create(models.mEstimator.Huber.Create(huber), gaussian)
@@ -34,10 +34,10 @@ def edge_factor(edge: Edge, first: int, second: int, huber: float) -> Any:
 
 
 def rotation_kinematic_factors(frame: int, sigma: float) -> list[Any]:
-    """Return ``X^-1 p_W - G^-1 o = 0`` of one frame: the target turns about a centre that rests in W.
+    """Return ``X^-1 p_W - G^-1 o = 0`` for one frame: the target rotates about a centre that is at rest in W.
 
-    By an auxiliary point y, the centre in B: ``X y = p_W`` and ``G y = o``, each with sigma / sqrt(2); eliminating y
-    gives the factor above with sigma.
+    It is expressed with an auxiliary point y, the centre in B: ``X y = p_W`` and ``G y = o``, each with
+    sigma / sqrt(2). Eliminating y gives the factor above with sigma.
 
     Source:
         Setterfield et al., "Mapping and determining the center of mass of a rotating object using a moving observer",
@@ -53,7 +53,7 @@ def rotation_kinematic_factors(frame: int, sigma: float) -> list[Any]:
 
 
 def model_centre_factors(sigma: float) -> list[Any]:
-    """Return ``o = T_GM z`` and ``z = 0``: the model's origin is the centre of mass."""
+    """Return factors for ``o = T_GM z`` and ``z = 0``: the model's origin is the centre of mass."""
     gtsam = require("gtsam")
     noise = gtsam.noiseModel.Isotropic.Sigma(3, sigma)
     return [

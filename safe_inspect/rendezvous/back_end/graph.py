@@ -1,4 +1,4 @@
-"""The factor graph of one mission, solved incrementally by iSAM2."""
+"""Factor graph of one mission, solved incrementally by iSAM2."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import skew
 from safe_inspect.types import FloatArray
 
-#: Standard deviation that fixes G at the first frame [rad, m], and of the model's pose before it is measured.
+#: Standard deviations [rad, m] of G at the first frame, which fixes it, and of the model's pose before it is measured.
 _FIXED, _LOOSE = 1e-5, 10.0
 #: Standard deviations of the chaser's attitude [rad], position [m] and velocity [m/s] at the start.
 _START_ATTITUDE, _START_POSITION, _START_VELOCITY = 1e-4, 1e-4, 1e-3
-#: Standard deviations of the rotation kinematic factor, which holds the centre of mass at rest in W, and of the model's
-#: origin as the centre of mass [m].
+#: Standard deviations of the rotation kinematic factor, which constrains the centre of mass to be at rest in W, and of
+#: the factor by which the model's origin is the centre of mass [m].
 _KINEMATIC, _MODEL_CENTRE = 5e-3, 1e-3
 #: Residual beyond which an edge counts less, in standard deviations.
 _HUBER = 1.345
-#: Change beyond which iSAM2 linearises a variable anew [rad, m, m/s].
+#: Change beyond which iSAM2 relinearises a variable [rad, m, m/s].
 _RELINEARISE = 1e-3
-#: How many intervals between frames a jump may lie back when it is seen.
+#: Number of intervals between frames within which a jump is detected.
 _DOUBTED = 4
 
 
 class PoseGraph:
-    """Estimates chaser and target from edges and inertial measurements.
+    """Factor graph that estimates chaser and target from edges and inertial measurements.
 
-    Variables of each frame are ``X = T_WB``, velocity, bias and ``G = T_GB``; constant are the centre of mass, o in G
-    and p in W, and the pose T_GM of the known model. Frames are those of a front end, in ascending order; G is B at
-    the first frame that an edge reaches.
+    The variables of each frame are ``X = T_WB``, velocity, bias and ``G = T_GB``. The constant variables are the centre
+    of mass, o in G and p in W, and the pose T_GM of the known model. The frames are those of a front end, in ascending
+    order. G equals B at the first frame that has an edge.
 
     Source:
         Kaess et al., "iSAM2: Incremental smoothing and mapping using the Bayes tree", IJRR 31 (2012).
 
     Args:
-        imu: The inertial measurements, which are restarted at each frame.
-        start: The chaser at the first frame, which is frame 0.
-        centre: Where the centre of mass may be.
+        imu: Buffer of the inertial measurements; it is restarted at each frame.
+        start: State of the chaser at the first frame, which is frame 0.
+        centre: Prior of the centre of mass.
         largest: Number of frames beyond which the older half is replaced by priors.
-        memory: Time over which errors of poses to the model stay alike [s]: their covariances are multiplied by
-            ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent ones.
+        memory: Correlation time of the errors of poses relative to the model [s]: their covariances are multiplied by
+            ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent errors.
     """
 
     def __init__(self, imu: ImuBuffer, start: ChaserStart, centre: CentrePrior, *, largest: int, memory: float) -> None:
@@ -62,14 +62,14 @@ class PoseGraph:
         self.imu, self._largest, self._memory = imu, largest, memory
         self._is_qr, self._solver = False, self._new_solver("CHOLESKY")
         self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        #: All factors with the frames that they are about, for a graph that is built anew.
+        #: All factors with the frames that they concern, for rebuilding the graph.
         self._kept: list[tuple[tuple[int, ...], Any]] = []
         self._frames: list[int] = []
         self._reached: set[int] = set()
         self._has_model = False
-        #: Of the newest intervals between frames, the inertial factors and those that replace them at a jump.
+        #: Inertial factors of the newest intervals between frames, with the factors that replace them after a jump.
         self._doubted: list[list[InertialFactor]] = []
-        #: How many poses to the model count as one, since their errors are alike.
+        #: Number of poses relative to the model that count as one, because their errors are correlated.
         self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
         bias = gtsam.imuBias.ConstantBias()
@@ -88,7 +88,7 @@ class PoseGraph:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The frames of the graph, in ascending order."""
+        """Numbers of the frames in the graph, in ascending order."""
         return tuple(self._frames)
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -104,12 +104,13 @@ class PoseGraph:
     def update(self, frame: int, edges: Sequence[Edge], *, jumped: bool = False) -> None:
         """Add a frame at the time of the last inertial sample.
 
-        Edges whose earlier frame is not in the graph are left out.
+        Edges to frames that are not in the graph are ignored.
 
         Args:
             frame: Number of the frame.
-            edges: What the front end has measured, to this frame or between earlier ones.
-            jumped: Whether the bias has jumped in the last frames: what was measured there counts little then.
+            edges: Edges that the front end has measured, to this frame or between earlier ones.
+            jumped: Whether the bias has jumped during the last frames; the inertial measurements of these frames then
+                have a small weight.
         """
         if jumped:
             self._loosen()
@@ -131,7 +132,7 @@ class PoseGraph:
         self.imu.restart(self._state["B"])
 
     def estimate(self) -> GraphEstimate:
-        """Return what is known at the last frame."""
+        """Return the estimate at the last frame."""
         frame, state = self._frames[-1], self._state
         reached = frame in self._reached
         centre = np.asarray(self._solver.calculateEstimatePoint3(key("P")))
@@ -157,18 +158,18 @@ class PoseGraph:
         )
 
     def chaser_poses(self, newest: int | None = None) -> FloatArray:
-        """Return T_WB of all frames or of the newest, smoothed, shape (F, 4, 4)."""
+        """Return the smoothed T_WB of all frames, or of the `newest` ones, shape (F, 4, 4)."""
         frames = self._frames if newest is None else self._frames[-newest:]
         return np.stack([self._solver.calculateEstimatePose3(key("X", frame)).matrix() for frame in frames])
 
     def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
-        """Return T_GB, smoothed, of those of all frames or of the newest that an edge has reached."""
+        """Return the smoothed T_GB by frame, of all frames or of the `newest` ones, omitting those without an edge."""
         frames = self._frames if newest is None else self._frames[-newest:]
         pose_of = self._solver.calculateEstimatePose3
         return {frame: pose_of(key("G", frame)).matrix() for frame in frames if frame in self._reached}
 
     def batch(self) -> Any:
-        """Return the optimum of all factors by Levenberg-Marquardt, as a `gtsam.Values`."""
+        """Return the optimum of all factors from Levenberg-Marquardt, as a `gtsam.Values`."""
         graph = self._solver.getFactorsUnsafe()
         return self._gtsam.LevenbergMarquardtOptimizer(graph, self._solver.calculateEstimate()).optimize()
 
@@ -188,7 +189,7 @@ class PoseGraph:
             self._add(gtsam.PriorFactorPoint3(key("O"), guess, self._same(3, _LOOSE)))
         if first == MODEL:
             if second not in self._reached:
-                if not self._has_model:  # nothing relates the model to what was seen before: G starts anew
+                if not self._has_model:  # nothing relates the model to the earlier edges: restart G at this frame
                     self._forget_edges()
                     self._add_edge(edge)
                     return
@@ -253,10 +254,10 @@ class PoseGraph:
         }
 
     def _marginals(self, frame: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the covariances of X and p, the one between them, and that of the velocity."""
+        """Return the covariances of X and p, their cross-covariance, and the covariance of the velocity."""
         x, p, v = key("X", frame), key("P"), key("V", frame)
         try:
-            if not self._reached:  # nothing connects them yet
+            if not self._reached:  # no factor connects them yet
                 marginals = [self._solver.marginalCovariance(name) for name in (x, p, v)]
                 return marginals[0], marginals[1], np.zeros((6, 3)), marginals[2]
             joint = self._solver.jointMarginalCovariance([x, p])
@@ -275,12 +276,12 @@ class PoseGraph:
         return self._gtsam.ISAM2(parameters)
 
     def _use_qr(self) -> None:
-        """Solve all factors anew by QR, three times slower: Cholesky's squares have lost a variable to rounding."""
+        """Solve all factors again with QR, after Cholesky lost a variable to rounding; QR is three times slower."""
         self._is_qr = True
         self._solve_anew(self._new_solver("QR"))
 
     def _loosen(self) -> None:
-        """Let the inertial factors of the newest intervals count little: the bias has jumped in one of them."""
+        """Reduce the weight of the inertial factors of the newest intervals, in one of which the bias has jumped."""
         loose = {id(one.usual): one.loose for interval in self._doubted for one in interval}
         self._kept = [(at, loose.get(id(factor), factor)) for at, factor in self._kept]
         self._doubted = []
@@ -290,7 +291,7 @@ class PoseGraph:
             self._use_qr()
 
     def _solve_anew(self, solver: Any) -> None:
-        """Give all factors to another solver."""
+        """Solve all factors with another solver."""
         graph = self._gtsam.NonlinearFactorGraph()
         for _, factor in self._kept:
             graph.add(factor)
@@ -299,7 +300,7 @@ class PoseGraph:
         self._solver.update()
 
     def _forget_edges(self) -> None:
-        """Leave out all that is about G, so that another frame becomes its root; the chaser's motion stays."""
+        """Remove all factors that concern G, so that another frame becomes its root; keep the chaser's motion."""
         gtsam, kept = self._gtsam, {ord(letter) for letter in "xvbp"}
         old, values = self._kept, gtsam.Values()
         names = [(at, factor, factor.keys()) for at, factor in old]
@@ -317,10 +318,7 @@ class PoseGraph:
             self._add(factor, *at)
 
     def _forget(self) -> None:
-        """Build the graph anew from its younger half, with priors for what the older half has shown.
-
-        See `marginal_priors` for what the older half leaves.
-        """
+        """Rebuild the graph from its newer half, with `marginal_priors` in place of the older half."""
         gtsam, solver = self._gtsam, self._solver
         kept = set(self._frames[len(self._frames) // 2 :])
         values = solver.calculateEstimate()

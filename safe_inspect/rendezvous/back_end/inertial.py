@@ -12,19 +12,19 @@ from safe_inspect.types import FloatArray
 
 #: Covariance of the integration itself [m^2/s].
 _INTEGRATION = 1e-10
-#: Densities of the noise that stand for the motion of a chaser without inertial samples [m/s^2, rad/s per sqrt(Hz)].
+#: Noise densities that represent the motion of a chaser without inertial samples [m/s^2, rad/s per sqrt(Hz)].
 _COASTING = (0.05, 0.01)
-#: Standard deviations of the bias at a jump [m/s^2, rad/s]; also densities of a noise that covers one over a second.
+#: Standard deviations of the bias at a jump [m/s^2, rad/s]; also densities of a noise that covers a jump for a second.
 BIAS_JUMP = (0.05, 1e-3)
 
 
 class BiasJump(NamedTuple):
-    """A jump of the biases between two frames.
+    """Jump of the biases between two frames.
 
     Attributes:
         offset: Change of the biases [m/s^2, rad/s], shape (6,).
-        sigma: Standard deviations of one axis of both, shape (2,).
-        within: Time within which it has happened [s].
+        sigma: Standard deviations of one axis of each, shape (2,).
+        within: Duration within which it happened [s].
     """
 
     offset: FloatArray
@@ -36,7 +36,7 @@ _NO_JUMP = BiasJump(np.zeros(6), np.zeros(2), 0.0)
 
 
 class ImuBuffer:
-    """Measurements since the last frame, integrated by the trapezoidal rule, without gravity.
+    """Inertial measurements since the last frame, integrated by the trapezoidal rule, without gravity.
 
     Source:
         Forster et al., "On-manifold preintegration for real-time visual-inertial odometry", IEEE T-RO 33 (2017).
@@ -57,7 +57,7 @@ class ImuBuffer:
 
     @property
     def duration(self) -> float:
-        """Time since the last frame that is covered [s]."""
+        """Integrated time since the last frame [s]."""
         return float(self.measurements.deltaTij())
 
     def add(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
@@ -75,19 +75,20 @@ class ImuBuffer:
         self._before = (acceleration, rate)
 
     def correct(self, jump: BiasJump) -> None:
-        """Take the biases as changed by a jump from the next sample on.
+        """Assume from the next sample on that the biases have changed by a jump.
 
-        Until the next frame the offset is subtracted. There the bias's random walk gets it with its covariance, so that
-        the graph estimates the bias, and the inertial factor of the interval gets the noise that the jump causes.
+        Until the next frame, the offset is subtracted from the samples. At the frame, the random walk of the bias gets
+        the offset and its covariance, so that the graph estimates the bias, and the inertial factor of the interval
+        gets the noise that the jump causes.
         """
         self.jump = jump
 
     def coast(self, period: float, commanded: FloatArray) -> None:
-        """Take a period without a sample as flown as commanded, from the last angular velocity.
+        """Assume that the commanded motion was flown in a period without a sample, from the last angular velocity on.
 
         Args:
-            period: Its length [s].
-            commanded: Acceleration and angular acceleration in B [m/s^2, rad/s^2], shape (6,); zeros: free flight.
+            period: Length of the period [s].
+            commanded: Acceleration and angular acceleration in B [m/s^2, rad/s^2], shape (6,); zeros for free flight.
         """
         self.is_coasting = True
         acceleration, turned = self._bias.accelerometer() + commanded[:3], commanded[3:] * period
@@ -98,13 +99,13 @@ class ImuBuffer:
         self._before = (acceleration + offset[:3], rate + offset[3:])
 
     def restart(self, bias: Any) -> None:
-        """Start anew at a frame, about a bias."""
+        """Clear the buffer at a frame and integrate from there with a given bias."""
         self._bias, self.is_coasting, self.jump = bias, False, _NO_JUMP
         self._samples = []
         self.measurements = self._integration(self._densities)
 
     def integrated(self, *, jumped: bool) -> Any:
-        """Return the samples integrated with their noise, or that of an unmeasured motion or a jump of the bias."""
+        """Return the integrated samples, with their noise or with that of an unmeasured motion or a bias jump."""
         if not (self.is_coasting or jumped or self.jump.within):
             return self.measurements
         if self.is_coasting or jumped:
@@ -126,7 +127,7 @@ class ImuBuffer:
         return self._gtsam.PreintegratedImuMeasurements(parameters, self._bias)
 
     def predict(self, pose: Any, velocity: FloatArray, bias: Any) -> tuple[Any, FloatArray]:
-        """Return pose and velocity now, from those at the last frame."""
+        """Return pose and velocity at the last sample, given those at the last frame."""
         if self.duration == 0.0:
             return pose, velocity
         state = self.measurements.predict(self._gtsam.NavState(pose, velocity), bias)
@@ -134,11 +135,11 @@ class ImuBuffer:
 
     @property
     def rotation(self) -> FloatArray:
-        """R_B'B from B now to B' at the last frame, shape (3, 3)."""
+        """Rotation R_B'B from B now to B' at the last frame, shape (3, 3)."""
         matrix: FloatArray = self.measurements.deltaRij().matrix()
         return matrix
 
     @property
     def last_rate(self) -> FloatArray:
-        """The last measured angular velocity [rad/s], shape (3,)."""
+        """Last measured angular velocity without the offset of a jump [rad/s], shape (3,)."""
         return np.zeros(3) if self._before is None else self._before[1] - self.jump.offset[3:]

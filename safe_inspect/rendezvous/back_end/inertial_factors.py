@@ -1,4 +1,4 @@
-"""What the inertial unit says of the motion between two frames, as factors of a graph."""
+"""Factors of the motion that the inertial unit measures between two frames."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from safe_inspect.rendezvous.back_end.factors import key
 from safe_inspect.rendezvous.back_end.inertial import BIAS_JUMP, ImuBuffer
 from safe_inspect.rendezvous.libraries import require
 
-#: Of how a chaser moves between two frames without an inertial sample [rad, m, m/s].
+#: Standard deviation of the chaser's motion between two frames without an inertial sample [rad, m, m/s].
 _UNMEASURED = 0.3
-#: Least standard deviation of the bias's walk between two frames [m/s^2, rad/s].
+#: Minimum standard deviation of the bias's random walk between two frames [m/s^2, rad/s].
 _LEAST_WALK = (1e-5, 1e-6)
 
 
 class InertialFactor(NamedTuple):
-    """A factor, and what replaces it where the bias has jumped.
+    """Factor together with its replacement after a jump of the bias.
 
     Attributes:
-        usual: With the noise of the unit.
-        loose: With a noise that covers a jump.
+        usual: Factor with the noise of the unit.
+        loose: Factor with a noise that covers a jump.
     """
 
     usual: Any
@@ -29,12 +29,12 @@ class InertialFactor(NamedTuple):
 
 
 def inertial_factors(before: int, frame: int, imu: ImuBuffer) -> list[InertialFactor]:
-    """Return the factors on pose, velocity and bias of two frames that follow each other.
+    """Return the factors on pose, velocity and bias of two consecutive frames.
 
     Args:
         before: Number of the earlier frame.
-        frame: Number of the later one.
-        imu: What was measured between them.
+        frame: Number of the later frame.
+        imu: Inertial measurements between them.
     """
     gtsam = require("gtsam")
     models, bias = gtsam.noiseModel, gtsam.imuBias.ConstantBias(imu.jump.offset[:3], imu.jump.offset[3:])

@@ -1,4 +1,4 @@
-"""What a part of a graph that is left out leaves to the rest."""
+"""Priors that replace a removed part of a graph."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from safe_inspect.rendezvous.back_end.factors import key
 from safe_inspect.rendezvous.libraries import require
 
-#: Variables that are poses, and those of frames.
+#: Letters of the variables that are poses, and of those that belong to a frame.
 _POSES, _OF_FRAMES = "XGM", "XVBG"
 
 
@@ -21,13 +21,13 @@ def value_of(values: Any, letter: str, name: int) -> Any:
 
 
 def marginal_priors(solver: Any, values: Any, blocks: Sequence[tuple[str, int]]) -> list[tuple[tuple[int, ...], Any]]:
-    """Return priors of variables from their marginals, each with the frames that it is about.
+    """Return priors of variables from their marginals, each with the frames that it concerns.
 
-    The covariances are multiplied by the number of variables: independent priors are then never more certain than the
-    joint marginal, whatever the correlation is.
+    The covariances are multiplied by the number of variables: the independent priors are then never more certain than
+    the joint marginal, for any correlation.
 
     Args:
-        solver: The solver that has the marginals, a `gtsam.ISAM2`.
+        solver: The solver that computes the marginals, a `gtsam.ISAM2`.
         values: Its solution.
         blocks: Letter and number of each variable.
     """

@@ -1,4 +1,4 @@
-"""What a back end starts from, and what it knows after a frame."""
+"""Initial state of a back end, and its estimate after a frame."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from safe_inspect.types import FloatArray
 
 
 class ChaserStart(NamedTuple):
-    """The chaser at the first frame.
+    """State of the chaser at the first frame.
 
     Attributes:
         pose: T_WB, shape (4, 4) [-, m].
-        velocity: In W [m/s], shape (3,).
+        velocity: Velocity in W [m/s], shape (3,).
     """
 
     pose: FloatArray
@@ -21,11 +21,11 @@ class ChaserStart(NamedTuple):
 
 
 class CentrePrior(NamedTuple):
-    """Where the target's centre of mass may be.
+    """Prior of the target's centre of mass.
 
     Attributes:
-        position: In W [m], shape (3,).
-        sigma: Standard deviation of each axis [m].
+        position: Expected position in W [m], shape (3,).
+        sigma: Standard deviation along each axis [m].
     """
 
     position: FloatArray
@@ -34,20 +34,20 @@ class CentrePrior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GraphEstimate:
-    """What a factor graph knows after a frame.
+    """Estimate of a factor graph after a frame.
 
     Attributes:
         frame: Number of the frame.
         chaser: T_WB, shape (4, 4) [-, m].
-        velocity: Of the chaser in W [m/s], shape (3,).
-        bias: Of the accelerometers [m/s^2] and gyroscopes [rad/s], shape (6,).
-        relative: T_GB, shape (4, 4) [-, m]; None where no edge has reached the frame.
+        velocity: Velocity of the chaser in W [m/s], shape (3,).
+        bias: Biases of the accelerometers [m/s^2] and gyroscopes [rad/s], shape (6,).
+        relative: T_GB, shape (4, 4) [-, m]; None if the frame has no edge.
         centre: Centre of mass in W [m], shape (3,).
         centre_glued: Centre of mass in G [m], shape (3,).
-        model: T_GM, shape (4, 4) [-, m]; None without a pose to the model.
-        chaser_covariance: Of the tangent of T_WB (rotation [rad], translation [m]), shape (6, 6).
-        velocity_covariance: In W [m^2/s^2], shape (3, 3).
-        centre_covariance: Of the centre of mass in B, that is relative to the chaser [m^2], shape (3, 3).
+        model: T_GM, shape (4, 4) [-, m]; None without a pose relative to the model.
+        chaser_covariance: Covariance of the tangent of T_WB (rotation [rad], translation [m]), shape (6, 6).
+        velocity_covariance: Covariance of the velocity in W [m^2/s^2], shape (3, 3).
+        centre_covariance: Covariance of the centre of mass in B, that is, relative to the chaser [m^2], shape (3, 3).
     """
 
     frame: int

@@ -1,1 +1,1 @@
-"""How far the reference that the chaser follows may be from the true one."""
+"""Bounds of the error of the reference that the chaser follows."""

@@ -15,23 +15,23 @@ from safe_inspect.rendezvous.bound.query import BoundQuery
 from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
 from safe_inspect.types import BoolArray, FloatArray
 
-#: Trials that the scale of a conformal bound is computed from, by default.
+#: Default number of trials from which the scale of a conformal bound is computed.
 _SCALE_TRIALS = 100
-#: Errors of trials, shape (n, K, 3) each.
+#: Errors of trials in position, velocity and force, shape (n, K, 3) each.
 Groups = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """How far the reference may be from the true one, along each axis of W.
+    """Bound of the difference between the estimated and the true reference, along each axis of W.
 
     Attributes:
         times: Times of the plan [s], shape (K,).
-        position: b_p [m], shape (K,).
-        velocity: b_v [m/s], shape (K,).
-        force: b_F, of the feed-forward force [N], shape (K,).
-        level: Probability with which a new trial keeps the bound of position, velocity and force as a whole.
-        trials: Number of trials that it is computed from.
+        position: Bound b_p of the position [m], shape (K,).
+        velocity: Bound b_v of the velocity [m/s], shape (K,).
+        force: Bound b_F of the feed-forward force [N], shape (K,).
+        level: Probability that a new trial is within the bounds of position, velocity and force at all times.
+        trials: Number of trials from which the bound is computed.
     """
 
     times: FloatArray
@@ -42,16 +42,16 @@ class Bound:
     trials: int
 
     def covers(self, samples: ErrorSamples) -> BoolArray:
-        """Return which trials keep the bound of position, velocity and force at all times and axes, shape (n,)."""
+        """Return for each trial whether it is within all bounds at all times and on all axes, shape (n,)."""
         return np.asarray(_scores(_errors(samples), [self.position, self.velocity, self.force]) <= 1.0)
 
 
 class ConformalBound(Plugin):
-    """A bound that position, velocity and force keep together, at all times, with a stated probability.
+    """Bound that holds jointly for position, velocity and force at all times, with a given probability.
 
     Attributes:
-        epsilon: Probability that it is broken.
-        trials: Number of trials, beside 100 that give its shape over time.
+        epsilon: Probability that the bound is violated.
+        trials: Number of trials, in addition to 100 that determine the shape of the bound over time.
     """
 
     epsilon: float = Field(default=0.05, gt=0.0, lt=1.0)
@@ -66,32 +66,32 @@ class ConformalBound(Plugin):
         return self
 
     def __call__(self, query: BoundQuery, streams: Streams) -> Bound:
-        """Return bounds at the samples of the plan, with the random streams of one mission."""
+        """Return the bound at the samples of the plan, using the random streams of one mission."""
         trials = trial_streams(streams, self.trials + _SCALE_TRIALS)
         return conformal_bound(sample_errors(query, trials), self.epsilon)
 
 
 def trial_streams(streams: Streams, trials: int) -> Streams:
-    """Return a stream for each trial of a mission."""
+    """Return random streams with one row for each trial of a mission."""
     return Streams(streams.seed, np.repeat(streams.slot, trials), np.arange(trials))
 
 
 def _least_trials(epsilon: float) -> int:
-    """Return the number of trials that a conformal bound with a probability of error needs, ``1 / epsilon - 1``."""
+    """Return the number of trials that a conformal bound needs for an epsilon, ``1 / epsilon - 1``, rounded up."""
     return math.ceil(1.0 / epsilon - 1e-9) - 1
 
 
 def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: int = _SCALE_TRIALS) -> Bound:
-    """Return a bound that a new trial keeps as a whole with probability 1 - epsilon or more.
+    """Return a bound that holds for a whole new trial with probability 1 - epsilon or more.
 
     The first trials give the root mean square error at each time, sigma_p(t), sigma_v(t) and sigma_F(t). Each of the n
-    others has one score, ``s = max |delta| / sigma`` over times, axes and quantities; the bound is
-    ``s_(ceil((n + 1)(1 - epsilon))) sigma(t)``, of the scores in ascending order.
+    others has one score, ``s = max |delta| / sigma`` over times, axes and quantities. With the scores in ascending
+    order, the bound is ``s_(ceil((n + 1)(1 - epsilon))) sigma(t)``.
 
     Args:
-        samples: The trials, exchangeable.
-        epsilon: Probability that the bound is broken.
-        scale_trials: How many trials give the scale.
+        samples: The trials, which must be exchangeable.
+        epsilon: Probability that the bound is violated.
+        scale_trials: Number of trials that determine the scale.
 
     Raises:
         ValueError: There are too few trials for this epsilon.
@@ -117,12 +117,12 @@ def _errors(samples: ErrorSamples) -> Groups:
 
 
 def _scaled(scale: Groups, rest: Groups, rank: int) -> list[FloatArray]:
-    """Return the root mean square errors of some trials, shape (K,) each, times a score of the others.
+    """Return the root mean square errors of some trials, shape (K,) each, multiplied by a score of the others.
 
     Args:
-        scale: Errors that give the root mean squares, shape (n, K, 3) each.
-        rest: Errors that give the scores.
-        rank: Which score is taken, from 1, in ascending order.
+        scale: Errors of the trials for the root mean squares, shape (n, K, 3) each.
+        rest: Errors of the trials for the scores.
+        rank: Rank of the used score in ascending order, from 1.
     """
     sigmas = [np.sqrt((values * values).mean(axis=(0, 2))) for values in scale]
     score = np.sort(_scores(rest, sigmas))[rank - 1]
@@ -132,7 +132,7 @@ def _scaled(scale: Groups, rest: Groups, rank: int) -> list[FloatArray]:
 
 
 def _scores(groups: Groups, scales: list[FloatArray]) -> FloatArray:
-    """Return the largest ratio of error to scale of each trial, shape (n,); 0 / 0 counts as 0."""
+    """Return for each trial the largest ratio of error to scale, shape (n,); 0 / 0 counts as 0."""
     score = np.zeros(len(groups[0]))
     for values, scale in zip(groups, scales, strict=True):
         error = np.abs(values).max(axis=2)

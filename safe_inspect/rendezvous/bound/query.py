@@ -1,4 +1,4 @@
-"""What a bound is asked about."""
+"""Inputs from which a bound is computed: the plan, the errors of estimates and their updates."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True)
 class EstimateErrors:
-    """Standard deviations of the errors of an estimate, independent and normal, of each component.
+    """Standard deviations of the errors of an estimate; the components are independent and normally distributed.
 
     Attributes:
-        attitude: Of the target's attitude, about each axis of T [rad].
-        rate: Of its angular velocity, along each axis of T [rad/s].
-        centre: Of its centre of mass, along each axis of W [m].
-        inertia: Of the logits of its inertia ratios; the ratios stay those of a rigid body.
-        position: Of the chaser's own position, along each axis of W [m].
-        velocity: Of the chaser's own velocity, along each axis of W [m/s].
+        attitude: Error of the target's attitude, about each axis of T [rad].
+        rate: Error of its angular velocity, along each axis of T [rad/s].
+        centre: Error of its centre of mass, along each axis of W [m].
+        inertia: Error of the logits of its inertia ratios; the ratios remain those of a rigid body.
+        position: Error of the chaser's position, along each axis of W [m].
+        velocity: Error of the chaser's velocity, along each axis of W [m/s].
     """
 
     attitude: float
@@ -33,12 +33,12 @@ class EstimateErrors:
 
 @dataclass(frozen=True)
 class JointErrors(EstimateErrors):
-    """Errors of an estimate that depend on each other; they are drawn from `joint`, which the numbers only describe.
+    """Correlated errors of an estimate; they are sampled from `joint`, and the other fields only summarise it.
 
     Attributes:
         joint: Covariance of the logits of the inertia ratios (2), attitude a (3) and rate r (3) in T, and of the centre
             of mass (3) and the chaser's velocity (3) in W, both relative to the other body, shape (14, 14). The
-            attitude is ``q Exp(a)`` and the rate ``Exp(-a) w + r``: r is the error in axes that a does not turn.
+            attitude is ``q Exp(a)`` and the rate ``Exp(-a) w + r``: r is the error in axes that a does not rotate.
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
@@ -46,12 +46,12 @@ class JointErrors(EstimateErrors):
 
 @dataclass(frozen=True)
 class Updates:
-    """When the estimate is renewed during the approach.
+    """Updates of the estimate during the approach.
 
     Attributes:
-        period: T_u, time from one update to the next [s], a multiple of the plan's step.
-        latency: Time from the measurement to the use of its estimate [s], a multiple of the plan's step.
-        correlation: rho, correlation of the errors of two successive updates, at least 0 and less than 1.
+        period: Time T_u from one update to the next [s], a multiple of the plan's step.
+        latency: Time from a measurement to the use of its estimate [s], a multiple of the plan's step.
+        correlation: Correlation rho of the errors of two successive updates, at least 0 and less than 1.
     """
 
     period: float = 1.0
@@ -61,14 +61,14 @@ class Updates:
 
 @dataclass(frozen=True, eq=False)
 class BoundQuery:
-    """How far may the estimated reference be from the true one?
+    """Query for the bound of the difference between the estimated and the true reference.
 
     Attributes:
         plan: The plan, with its path in T and the predicted motion of the target.
-        inertia: The target's principal moments J1 <= J2 <= J3, up to one factor, shape (3,).
-        errors: How wrong an estimate is.
-        updates: When it is renewed; None for one estimate at the start, propagated to the end.
-        mass: Of the chaser [kg].
+        inertia: The target's principal moments J1 <= J2 <= J3, up to a common factor, shape (3,).
+        errors: Errors of an estimate.
+        updates: Updates of the estimate; None for one estimate at the start that is propagated to the end.
+        mass: Mass of the chaser [kg].
     """
 
     plan: Plan
@@ -83,10 +83,14 @@ class BoundQuery:
         return float((self.plan.times[-1] - self.plan.times[0]) / (len(self.plan.times) - 1))
 
     def steps_of(self, name: str, seconds: float) -> int:
-        """Return how many samples of the plan a time is.
+        """Return a time as a number of steps of the plan.
+
+        Args:
+            name: Name of the field of `Updates`, for the error message.
+            seconds: The time [s].
 
         Raises:
-            ValueError: It is no multiple of the plan's step.
+            ValueError: The time is not a multiple of the plan's step.
         """
         count = round(seconds / self.step)
         if abs(count * self.step - seconds) > 1e-6 * self.step:
@@ -94,10 +98,10 @@ class BoundQuery:
         return count
 
     def windows(self) -> tuple[int, int, int]:
-        """Return (number of estimates, steps between two, steps of latency).
+        """Return the number of estimates, the number of steps between two, and the latency in steps.
 
         Raises:
-            ValueError: The updates are not as `Updates` wants them.
+            ValueError: A field of the updates is not in the range that `Updates` states.
         """
         if self.updates is None:
             return 1, len(self.plan.times), 0

@@ -1,4 +1,4 @@
-"""Trials of the reference's error: estimates are drawn, and propagated as the chaser would propagate them."""
+"""Trials of the reference's error: estimates are sampled, and propagated as the chaser would propagate them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from safe_inspect.rendezvous.characterise.ratios import inertia_of, logits_of
 from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free
 from safe_inspect.types import FloatArray, IntArray
 
-#: What keeps a covariance definite: a share of its diagonal, and of each error.
+#: Additions that make a covariance positive definite: a fraction of its diagonal, and a minimum for each error.
 _ROUNDING, _FLOOR = 1e-9, np.full(14, 1e-18)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSamples:
-    """Errors of the reference, less those of the chaser's own navigation, in n trials, along the axes of W.
+    """Errors of the reference minus those of the chaser's navigation, in n trials, along the axes of W.
 
     Attributes:
         times: Times of the plan [s], shape (K,).
-        position: [m], shape (n, K, 3).
-        velocity: [m/s], shape (n, K, 3).
+        position: Errors of the position [m], shape (n, K, 3).
+        velocity: Errors of the velocity [m/s], shape (n, K, 3).
         force: Mass times the error of the acceleration [N], shape (n, K, 3).
     """
 
@@ -44,7 +44,7 @@ class ErrorSamples:
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """Errors of n trials at E estimates each: shape (n, E, 3); of the logits: (n, 2)."""
+    """Sampled errors of n trials with E estimates each, shape (n, E, 3); those of the logits have shape (n, 2)."""
 
     attitude: FloatArray
     rate: FloatArray
@@ -58,21 +58,21 @@ def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
     """Return trials of the reference's error ``delta = (r_hat - r) - (x_hat - x)``.
 
     At each update the target's state on the plan is disturbed, ``R Exp(attitude error)``, ``w + rate error``, and
-    propagated without torque until the next update (plus the latency) is in use; errors of successive updates form
-    an AR(1) sequence, ``e_{j+1} = rho e_j + sqrt(1 - rho^2) e``. Without updates the first estimate is propagated
-    to the end. The inertia's error is the same through a trial.
+    propagated without torque until the next update (plus the latency) is in use. The errors of successive updates form
+    an AR(1) sequence, ``e_{j+1} = rho e_j + sqrt(1 - rho^2) e``. Without updates, the first estimate is propagated to
+    the end. The error of the inertia is constant during a trial.
 
     Args:
-        query: The plan, and how wrong estimates are.
-        streams: One row a trial.
+        query: The plan, and the errors and updates of the estimates.
+        streams: Random streams with one row per trial.
 
     Raises:
-        ValueError: Period or latency are no multiples of the plan's step.
+        ValueError: Period or latency is not a multiple of the plan's step, or a field of the updates is out of range.
     """
     estimates, period, latency = query.windows()
     steps = len(query.plan.times)
     draws = _draw(query.errors, query.updates.correlation if query.updates else 0.0, estimates, streams)
-    # The last row has no error: what the others are compared with.
+    # The last row has no error; it is the reference for the others.
     draws = _Draws(*(np.concatenate((value, np.zeros_like(value[:1]))) for value in vars(draws).values()))
     length = min(period + latency + 1, steps)
     errors = _windows(query, draws, period, length)
@@ -117,7 +117,7 @@ def _draw(errors: EstimateErrors, correlation: float, estimates: int, streams: S
         return deviation * values
 
     if isinstance(errors, JointErrors):
-        # The logits come first: theirs is one error a trial, and the others follow it as far as they are correlated.
+        # The logits come first: they have one error per trial, and the errors that are correlated with it depend on it.
         root = np.linalg.cholesky(errors.joint + _ROUNDING * np.diag(np.diag(errors.joint)) + np.diag(_FLOOR))
         unit = np.concatenate(
             (np.repeat(streams.normal("bound.inertia", 2)[:, None], estimates, axis=1), sequence("joint", 1.0, 12)),
@@ -137,13 +137,13 @@ def _draw(errors: EstimateErrors, correlation: float, estimates: int, streams: S
 
 
 def _inertia(inertia: FloatArray, logits: FloatArray) -> FloatArray:
-    """Return inertias whose logits are disturbed, shape (n, 3).
+    """Return inertias with disturbed logits, shape (n, 3).
 
-    J = (k1, k2, 1) is always that of a rigid body, in this order; see `ratios_of`.
+    J = (k1, k2, 1) is always that of a rigid body, in ascending order; see `ratios_of`.
 
     Args:
         inertia: Principal moments, shape (3,).
-        logits: Errors of a and b, shape (n, 2).
+        logits: Errors of the logits a and b, shape (n, 2).
     """
     inertia = np.asarray(inertia, dtype=float)
     if not logits.any():

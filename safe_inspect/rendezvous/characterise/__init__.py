@@ -1,1 +1,1 @@
-"""From the history of relative poses to the target's motion: rates, principal axes, inertia ratios, and a fit."""
+"""Characterisation of the target's motion from relative poses: rates, principal axes, inertia ratios and a fit."""

@@ -1,4 +1,4 @@
-"""The fit of a free rigid body to all measured rotations."""
+"""Fit of the motion of a free rigid body to all measured rotations."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from safe_inspect.rendezvous.characterise.ratios import inertia_of
 from safe_inspect.rendezvous.edges import MODEL
 from safe_inspect.types import BoolArray, FloatArray
 
-#: Steps of the differences that the Jacobians are made of [rad, rad/s, -, rad/s].
+#: Steps of the finite differences for the Jacobians [rad, rad/s, -, rad/s].
 _STEPS = np.repeat([1e-6, 1e-7, 1e-5, 1e-7], [3, 3, 2, 3])
-#: Scale of the parameters for the solver's trust region [rad, rad/s, -, rad/s].
+#: Scales of the parameters for the solver's trust region [rad, rad/s, -, rad/s].
 _SCALES = np.repeat([1e-2, 1e-3, 0.3, 1e-4], [3, 3, 2, 3])
-#: Number of unknowns of the motion, and of all, and of residuals of the priors.
+#: Number of unknowns of the motion, number of all unknowns, and number of residuals of the priors.
 _MOTION, _ALL, _PRIORS = 8, 11, 5
-#: Median of the size of three independent numbers of unit variance.
+#: Median norm of a vector of three independent normal numbers with unit variance.
 MEDIAN_SIZE = 1.538
-#: Share of the variance of a pose to the model that is its own, and not alike for poses that follow each other.
+#: Fraction of the variance of a pose relative to the model that is not correlated with that of consecutive poses.
 _ALONE = 0.1
 #: Residual beyond which an edge counts less, in standard deviations.
 _SOFT = 2.0
-#: Least standard deviation of the drift [rad/s].
+#: Minimum standard deviation of the drift [rad/s].
 _LEAST_DRIFT = 1e-8
 
 
 class Motion(NamedTuple):
-    """A tumble at one time.
+    """State of a tumbling body at one time.
 
     Its tangent is ``(a, r, logits)``: attitude ``q Exp(a)`` and angular velocity ``Exp(-a) w + r``. The measured
-    rotations tell w in inertial axes far better than the principal axes, so r is small where a is not; with ``w + r``
-    the likely motions would lie on a curve, and their covariance would be too small across it.
+    rotations determine w in inertial axes far better than they determine the principal axes, so r is small even if a is
+    not. With ``w + r`` instead, the likely motions would lie on a curve, and their covariance would be too small across
+    it.
 
     Attributes:
         time: The time [s].
         orientation: q_WT, shape (4,).
-        angular_velocity: In T [rad/s], shape (3,).
-        logits: Of the ratios, shape (2,).
+        angular_velocity: Angular velocity in T [rad/s], shape (3,).
+        logits: Logits of the inertia ratios, shape (2,).
     """
 
     time: float
@@ -49,18 +50,18 @@ class Motion(NamedTuple):
     logits: FloatArray
 
     def moved(self, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return inertia (n, 3), attitudes (n, 4) and angular velocities (n, 3) after steps of the tangent, (n, 8)."""
+        """Return inertias (n, 3), attitudes (n, 4) and angular velocities (n, 3) after steps of the tangent (n, 8)."""
         turn = exp(steps[:, :3])
         rate = rotate(conjugate(turn), np.broadcast_to(self.angular_velocity, (len(steps), 3))) + steps[:, 3:6]
         return inertia_of(self.logits + steps[:, 6:8]), multiply(self.orientation, turn), rate
 
     def at(self, time: float) -> Motion:
-        """Return the tumble at another time [s]."""
+        """Return the motion at another time [s]."""
         q, w = tumble(*self.moved(np.zeros((1, 8))), np.array([time - self.time]))
         return Motion(time, q[0, 0], w[0, 0], self.logits)
 
     def transition(self, time: float) -> FloatArray:
-        """Return the derivative of the tangent at another time [s] by that of this one, shape (8, 8)."""
+        """Return the derivative of the tangent at another time [s] with respect to this tangent, shape (8, 8)."""
         size = _STEPS[:_MOTION]
         steps = np.concatenate((np.diag(size), -np.diag(size)))
         moved = self.moved(steps)
@@ -71,16 +72,16 @@ class Motion(NamedTuple):
 
 
 class FitOptions(NamedTuple):
-    """What a fit is told; the options of a user are those of `motion.PolhodeCharacteriser`.
+    """Internal options of a fit; the options for users are in `motion.PolhodeCharacteriser`.
 
     Attributes:
-        prior: Logits that the inertia ratios are drawn to, and their standard deviation; None for none.
-        q_MT: Principal axes in the model, shape (4,); None where poses to the model are not used.
+        prior: Prior of the logits of the inertia ratios and its standard deviation; None for none.
+        q_MT: Principal axes in the model, shape (4,); None if poses relative to the model are not used.
         telescoping: See `motion.PolhodeCharacteriser`.
         memory: Likewise [s].
         drift: Likewise [rad/s].
-        evaluations: Largest number of steps.
-        warm: Whether the start is so near that edges which do not agree with it may be left out at once.
+        evaluations: Maximum number of evaluations of the solver.
+        warm: Whether the start is so close that edges which disagree with it may be removed at once.
     """
 
     prior: tuple[FloatArray, float] | None
@@ -93,17 +94,18 @@ class FitOptions(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted motion.
+    """Result of a fit.
 
     Attributes:
-        motion: At the first frame.
+        motion: The motion at the start's time, the first frame.
         drift: Error of the gyroscopes' bias [rad/s], shape (3,): the chaser's attitude is ``Exp(theta) q_WB`` with
             ``theta(t) = int R_WB drift dt`` from the first frame on.
-        covariance: Of the motion's tangent, see `Motion` [rad, rad/s, -], and of the drift, shape (11, 11), for
-            residuals of unit variance.
-        residuals: Of the edges, in standard deviations, shape (E, 3); zero for poses to the model without `q_MT`.
-        used: Which edges are used, shape (E,).
-        spread: Root of the reduced chi square, with what edges have in common: 1 where the noise is as assumed.
+        covariance: Covariance of the motion's tangent, see `Motion` [rad, rad/s, -], and of the drift, shape (11, 11),
+            for residuals of unit variance.
+        residuals: Residuals of the edges in standard deviations, shape (E, 3); zero for poses relative to the model
+            without `q_MT`.
+        used: Mask of the edges that are used, shape (E,).
+        spread: Root of the reduced chi square, correlations between edges included; 1 if the noise is as assumed.
     """
 
     motion: Motion
@@ -115,7 +117,7 @@ class Fit(NamedTuple):
 
 
 class _Problem:
-    """Residuals of all edges and of the prior, and their derivative."""
+    """Residuals of all edges and of the priors, and their derivative."""
 
     def __init__(self, history: History, start: Motion, options: FitOptions) -> None:
         self._history, self._start, self._options = history, start, options
@@ -127,7 +129,7 @@ class _Problem:
         self.turned = turned_by_bias(history)
 
     def correlate(self) -> None:
-        """From now on count what edges of the same frame have in common."""
+        """Include the correlations between edges in the residuals from now on."""
         history, share = self._history, self._options.telescoping
         memory = self._options.memory
         if share <= 0.0 and memory <= 0.0:
@@ -151,7 +153,7 @@ class _Problem:
     def edges(self, parameters: FloatArray) -> FloatArray:
         """Return the residuals of the edges ``Log(q_ij^-1 q_Xi^-1 q_WT(i) q_WT(j)^-1 q_Xj)``, shape (n, E, 3).
 
-        Of a pose to the model it is ``Log(q_MB^-1 q_MT q_WT^-1 q_X)``.
+        For a pose relative to the model it is ``Log(q_MB^-1 q_MT q_WT^-1 q_X)``.
         """
         history = self._history
         q, _ = tumble(*self._start.moved(parameters), history.times - self._start.time)
@@ -178,13 +180,16 @@ class _Problem:
         return np.concatenate((edges.reshape(len(parameters), -1), prior, drift), axis=1)
 
     def jacobian(self, parameters: FloatArray) -> FloatArray:
-        """Return the derivative, shape (3 E + 5, 11)."""
+        """Return the derivative of the residuals by central differences, shape (3 E + 5, 11)."""
         both = self.vector(np.concatenate((parameters + np.diag(_STEPS), parameters - np.diag(_STEPS))))
         return np.asarray((both[:_ALL] - both[_ALL:]).T / (2.0 * _STEPS))
 
 
 def turned_by_bias(history: History) -> FloatArray:
-    """Return ``D(t_k) = int R_WB dt`` from the first frame [s]: a bias b turns the attitudes by D b, (F, 3, 3)."""
+    """Return ``D(t_k) = int R_WB dt`` from the first frame on [s], shape (F, 3, 3).
+
+    A bias b rotates the attitude of frame k by D(t_k) b.
+    """
     rotation = to_matrix(history.chaser)
     steps = 0.5 * np.diff(history.times)[:, None, None] * (rotation[1:] + rotation[:-1])
     return np.concatenate((np.zeros((1, 3, 3)), np.cumsum(steps, axis=0)))
@@ -198,14 +203,15 @@ def edge_residuals(history: History, motion: Motion, options: FitOptions) -> Flo
 def fit_motion(history: History, start: Motion, options: FitOptions) -> Fit:
     """Return the free motion that agrees best with the edges.
 
-    The unknowns are attitude and angular velocity at the start's time and the logits of the inertia ratios; the motion
-    is the closed form of `safe_inspect.dynamics.tumble`. First all edges count, large residuals less (soft L1); then
-    those beyond four times the robust spread are left out, and what edges of one frame have in common is counted.
+    The unknowns are attitude and angular velocity at the start's time, the logits of the inertia ratios, and the drift
+    of the gyroscopes. The motion is the closed form of `safe_inspect.dynamics.tumble`. In a first solution, all edges
+    are used and large residuals have less weight (soft L1); it is skipped if the options say that the start is warm.
+    Then edges beyond four times the robust spread are removed, and correlations between edges are included.
 
     Args:
         history: The edges.
-        start: A motion near the solution.
-        options: See `FitOptions`.
+        start: A motion close to the solution.
+        options: Options of the fit.
     """
     from scipy.optimize import least_squares
 

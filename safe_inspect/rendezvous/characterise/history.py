@@ -1,4 +1,4 @@
-"""What a characterisation is made from, and what it finds."""
+"""Input and result of a characterisation."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from safe_inspect.types import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The rotations of an observation, in ascending order of time; G is B at the first frame.
+    """Rotations of an observation, in ascending order of time; G equals B at the first frame.
 
     Attributes:
         times: Times of the frames [s], shape (F,).
         chaser: Attitudes q_WB, shape (F, 4).
-        glued: Attitudes q_GB from the back end, shape (F, 4); NaN where no edge has reached the frame.
-        first: Position of the earlier frame of each edge, or `MODEL`, shape (E,).
-        second: Position of the later frame, shape (E,).
+        glued: Attitudes q_GB from the back end, shape (F, 4); NaN for frames without an edge.
+        first: Index of the earlier frame of each edge, or `MODEL`, shape (E,).
+        second: Index of the later frame of each edge, shape (E,).
         rotation: Measured q_ij, or q_MB, shape (E, 4).
-        covariance: Of its tangent, shape (E, 3, 3) [rad^2].
+        covariance: Covariance of its tangent, shape (E, 3, 3) [rad^2].
     """
 
     times: FloatArray
@@ -39,7 +39,7 @@ class History:
     def of(
         cls, times: FloatArray, chaser: FloatArray, glued: FloatArray, edges: Sequence[Edge], frames: Sequence[int]
     ) -> History:
-        """Return the history of some frames; edges of others are left out.
+        """Return the history of some frames; edges of other frames are omitted.
 
         Args:
             times: Times [s], shape (F,).
@@ -62,7 +62,7 @@ class History:
         )
 
     def between(self, start: float, end: float) -> History:
-        """Return the frames from a start to an end, both included [s], with the edges among them."""
+        """Return the history of the frames from a start to an end [s], both included, with the edges between them."""
         kept = np.flatnonzero((self.times >= start - 1e-9) & (self.times <= end + 1e-9))
         place = np.full(len(self.times) + 1, -2)
         place[kept], place[MODEL] = np.arange(len(kept)), MODEL
@@ -74,7 +74,7 @@ class History:
         )  # fmt: skip
 
     def without(self, dropped: FloatArray) -> History:
-        """Return the history without some edges, a mask of shape (E,)."""
+        """Return the history without the edges of a mask of shape (E,)."""
         kept = ~np.asarray(dropped, bool)
         return History(
             self.times, self.chaser, self.glued,
@@ -83,28 +83,29 @@ class History:
 
     @property
     def in_inertial(self) -> tuple[FloatArray, FloatArray]:
-        """Times [s] and attitudes q_WG of the frames that the back end has reached, shapes (n,) and (n, 4)."""
+        """Times [s], shape (n,), and attitudes q_WG, shape (n, 4), of the frames that have an edge."""
         seen = np.isfinite(self.glued).all(axis=1)
         return self.times[seen], multiply(self.chaser[seen], conjugate(self.glued[seen]))
 
 
 @dataclass(frozen=True, eq=False)
 class TargetEstimate:
-    """How the target tumbles.
+    """Estimate of the target's tumbling motion.
 
     Attributes:
-        time: When attitude and angular velocity hold [s].
+        time: Time of attitude and angular velocity [s].
         orientation: q_WT, shape (4,).
-        angular_velocity: In T [rad/s], shape (3,).
+        angular_velocity: Angular velocity in T [rad/s], shape (3,).
         ratios: k1 = J1 / J3 and k2 = J2 / J3, shape (2,).
         q_GT: Principal axes in G, shape (4,).
-        covariance: Of the motion's tangent at that time, attitude [rad], angular velocity in the turned axes [rad/s]
-            and logits, shape (8, 8); see `safe_inspect.rendezvous.characterise.fit.Motion`.
-        axes_sigma: Standard deviation of the principal axes in G, the largest [rad].
-        observable: Whether the motion shows the transverse axes and the ratios; else they are the prior's.
-        aligned: Whether poses to the model tell which of the axes' directions are the model's.
-        misfit: Root mean square of the residuals in standard deviations; about 1 where noise and motion are as assumed.
-        recent_misfit: The same of the newest edges, left out or not, by their median: large where the motion has
+        covariance: Covariance of the motion's tangent at that time: attitude [rad], angular velocity in the rotated
+            axes [rad/s] and logits, shape (8, 8); see `safe_inspect.rendezvous.characterise.fit.Motion`.
+        axes_sigma: Largest standard deviation of the principal axes in G [rad].
+        observable: Whether the transverse axes and the ratios are observable from the motion; otherwise they are those
+            of the prior.
+        aligned: Whether the directions of the axes agree with those of the model, known from poses relative to it.
+        misfit: Root mean square of the residuals in standard deviations; about 1 if noise and motion are as assumed.
+        recent_misfit: The same for the newest edges, removed ones included, from their median; large if the motion has
             changed.
         singular: Ratios s6 / s5 and s5 / s1 of the quadrics' singular values.
     """
@@ -124,7 +125,7 @@ class TargetEstimate:
 
     @property
     def inertia(self) -> FloatArray:
-        """Principal moments up to one factor, shape (3,)."""
+        """Principal moments up to a common factor, shape (3,)."""
         return np.array([self.ratios[0], self.ratios[1], 1.0])
 
     def predict(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:

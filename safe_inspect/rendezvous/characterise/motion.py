@@ -1,4 +1,4 @@
-"""From a history to the target's motion: starts, the best fit, and what is observable."""
+"""Estimation of the target's motion from a history: initial guesses, the best fit, and observability."""
 
 from __future__ import annotations
 
@@ -28,36 +28,37 @@ from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, quantity
 
-#: Fewest frames that a motion is fitted to.
+#: Minimum number of frames to which a motion is fitted.
 LEAST_FRAMES = 8
-#: Evaluations of a start that is tried, and of a motion that is only brought up to date.
+#: Numbers of evaluations for trying a start and for updating a known motion.
 _TRIAL, _WARM = 15, 8
 #: Ratio s6 / s5 of the singular values above which other starts are tried too.
 _DOUBTFUL = 0.3
-#: Axes of a rigid body that no motion has shown [ratios].
+#: Inertia ratios that are assumed if neither the target nor its motion determines them.
 _GENERIC = np.array([0.5, 0.8])
-#: Standard deviation of the logits about a prior that stands for what is not observed, of a known and an unknown body.
+#: Standard deviations of the logits about the prior if they are not observable, for a known and an unknown body.
 _HELD, _UNKNOWN = 0.05, 2.0
-#: Standard deviation of the logits that only keeps them finite, and the largest that is started from or drawn to.
+#: Standard deviation of the logits that only makes them finite, and largest logit of a start or a prior.
 _WIDE, _MOST = 20.0, 8.0
-#: Two principal moments count as different where their ratio is so many standard deviations away from 1.
+#: Two principal moments count as different if their ratio is this many standard deviations away from 1.
 _DIFFERENT = 3.0
 #: Standard deviation of the axes above which they count as not observed [rad].
 _LARGEST_AXES = 0.2
-#: Every how many frames edges are held out to compare motions, and the newest edges that show a change.
+#: The edges to every n-th frame are held out to compare motions; number of the newest edges that indicate a change.
 _HELD_OUT, _RECENT = 5, 8
 
 
 class PolhodeCharacteriser(Plugin):
-    """Principal axes from the polhode, then a fit of a free rigid body to all measured rotations.
+    """Characteriser that finds principal axes from the polhode and fits a free rigid body to all measured rotations.
 
     Attributes:
-        span: Least time between two attitudes that give a rate [s].
-        window: Window over the rates [s].
-        use_model: Whether poses to the known model, and with them its principal axes, take part in the fit.
-        telescoping: Share of an edge's variance that is an error of its frames' views and cancels along a chain.
-        memory: Time over which errors of poses to the model stay alike [s]; 0 for independent ones.
-        drift: Standard deviation of what the gyroscopes' bias is estimated wrong by [rad/s]; 0 where it is known.
+        span: Minimum time between two attitudes from which a rate is computed [s].
+        window: Length of the smoothing window over the rates [s].
+        use_model: Whether to use poses relative to the known model, and its principal axes, in the fit.
+        telescoping: Fraction of an edge's variance that is due to the views of its two frames and cancels along a
+            chain.
+        memory: Correlation time of the errors of poses relative to the model [s]; 0 for independent errors.
+        drift: Standard deviation of the error of the gyroscopes' estimated bias [rad/s]; 0 if the bias is known.
     """
 
     span: PositiveDuration = 1.0  # type: ignore[valid-type]
@@ -70,13 +71,13 @@ class PolhodeCharacteriser(Plugin):
     def __call__(
         self, history: History, target: Target | None, before: Motion | None, model: FloatArray | None
     ) -> TargetEstimate | None:
-        """Return how the target tumbles, or None where there is too little to tell.
+        """Return the motion of the target, or None if there are too few measurements.
 
         Args:
-            history: What was measured.
-            target: The target where it is known.
-            before: The motion as it was known before.
-            model: q_GM of the known model, shape (4,), where it is known.
+            history: The measured rotations.
+            target: The target, None if it is not known.
+            before: The motion found before, None without one.
+            model: q_GM of the known model, shape (4,), None if it is not known.
         """
         known = KnownBody()
         if target is not None:
@@ -88,13 +89,13 @@ class PolhodeCharacteriser(Plugin):
     def characterise(
         self, history: History, known: KnownBody, before: Motion | None = None, model: FloatArray | None = None
     ) -> TargetEstimate | None:
-        """Return the motion at the last frame, or None where there is too little to tell.
+        """Return the motion at the last frame, or None if there are too few measurements.
 
         Args:
             history: The edges and attitudes.
-            known: What is known of the body.
-            before: The motion as it was known before; without one it is found without a start.
-            model: q_GM of the known model, shape (4,), which tells the directions of the axes; None without one.
+            known: Known properties of the body.
+            before: The motion found before, from which the fit starts; None to find the start from the rates.
+            model: q_GM of the known model, shape (4,), which determines the directions of the axes; None without one.
         """
         times, glued = history.in_inertial
         if len(times) < LEAST_FRAMES or len(history.first) < LEAST_FRAMES:
@@ -117,11 +118,11 @@ class PolhodeCharacteriser(Plugin):
 
 
 class KnownBody(NamedTuple):
-    """What is known of the target's body.
+    """Known properties of the target's body.
 
     Attributes:
-        ratios: k1 and k2, taken where the motion does not show them, shape (2,); None for an unknown body.
-        q_MT: Principal axes in the model, shape (4,); None where poses to the model are not used.
+        ratios: k1 and k2, which are used if the motion does not determine them, shape (2,); None for an unknown body.
+        q_MT: Principal axes in the model, shape (4,); None if poses relative to the model are not used.
     """
 
     ratios: FloatArray | None = None
@@ -129,13 +130,19 @@ class KnownBody(NamedTuple):
 
 
 class _Options(NamedTuple):
-    """The options of the plugin, and what is known of the body."""
+    """Options of the plugin and known properties of the body."""
 
     plugin: PolhodeCharacteriser
     known: KnownBody
 
     def fitting(self, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
-        """Return how a motion is fitted, with the ratios held at the prior or not."""
+        """Return the options of a fit.
+
+        Args:
+            evaluations: Maximum number of evaluations of the solver.
+            held: Whether the ratios are constrained to those of the prior.
+            warm: See `FitOptions`.
+        """
         plugin, ratios = self.plugin, self.known.ratios
         sigma = (_UNKNOWN if ratios is None else _HELD) if held else _WIDE
         prior = (np.clip(logits_of(_GENERIC if ratios is None else ratios), -_MOST, _MOST), sigma)
@@ -143,9 +150,10 @@ class _Options(NamedTuple):
 
 
 def _has_three_axes(fit: Fit) -> bool:
-    """Return whether the axes are known and their moments differ; about an axis of symmetry the others may be turned.
+    """Return whether the axes are known and their moments differ.
 
-    With ``k2 = (1 + s(a)) / 2`` the ratio (1 - k2) / sigma(k2) is 1 / (s(a) sigma(a)); of k1 and k2 likewise with b.
+    Otherwise the body has an axis of symmetry, and the other two axes are arbitrary. With ``k2 = (1 + s(a)) / 2`` the
+    ratio (1 - k2) / sigma(k2) is 1 / (s(a) sigma(a)); likewise for k1 and k2 with b.
     """
     sigmas = np.sqrt(np.diag(fit.covariance))
     share = 1.0 / (1.0 + np.exp(-np.clip(fit.motion.logits, -_MOST, _MOST)))
@@ -160,7 +168,7 @@ def _starts(
     known: KnownBody,
     model: FloatArray | None,
 ) -> list[Motion]:
-    """Return motions at the first frame to start from: by the polhode, by the model, and in doubt by guesses."""
+    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses."""
     middle, rates = measured
     time = float(history.times[0])
     first = np.array([np.interp(time, middle, column) for column in rates.T])
@@ -194,7 +202,7 @@ def _starts(
 
 
 def _best(history: History, starts: list[Motion], options: _Options) -> Fit:
-    """Return the fit of all edges from the start that predicts held-out edges best."""
+    """Return the fit to all edges from the start whose trial fit predicts held-out edges best."""
     if len(starts) == 1:
         return fit_motion(history, starts[0], options.fitting(40))
     held = history.second % _HELD_OUT == 0
@@ -205,7 +213,7 @@ def _best(history: History, starts: list[Motion], options: _Options) -> Fit:
 
 
 def _within_limits(start: Motion) -> Motion:
-    """Return a start whose logits are where their derivative does not vanish."""
+    """Return a start with logits clipped to the range in which their derivative does not vanish."""
     return start._replace(logits=np.clip(start.logits, -_MOST, _MOST))
 
 
@@ -222,9 +230,9 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
     misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
     known = np.abs(fit.residuals).sum(axis=1) > 0.0
     newest = np.linalg.norm(fit.residuals[known][-_RECENT:], axis=1)
-    # Slow errors hide in the motion, so that small residuals do not say that the edges are better than they state.
+    # The fit absorbs slow errors, so that small residuals do not mean that the edges are better than they state.
     scale = max(fit.spread, 1.0) ** 2
-    # At the end the drift has turned the back end's W, which the chaser's own attitude is in.
+    # Until the last frame, the drift has rotated the back end's frame W, in which the chaser's attitude is given.
     turned = turned_by_bias(history)[-1]
     orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
     transition = np.zeros((8, 11))

@@ -1,4 +1,4 @@
-"""Principal axes and inertia ratios from the polhode, without a start."""
+"""Principal axes and inertia ratios from the polhode, without an initial guess."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-#: Angles between the two quadrics that are tried.
+#: Number of linear combinations of the two quadrics that are tried.
 _ANGLES = 180
-#: Singular values that say that the transverse axes are not observed: s6 / s5 above, or s5 / s1 below.
+#: Limits of the singular values: the transverse axes are not observed if s6 / s5 is above or s5 / s1 below its limit.
 _LARGEST_RATIO, _LEAST_RATIO = 0.5, 1e-2
-#: Turns by a half that keep a frame right-handed.
+#: Identity and the half turns about the three axes.
 HALF_TURNS = np.array([np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))], dtype=float)
 
 
 class Polhode(NamedTuple):
-    """Principal axes from angular velocities.
+    """Principal axes found from angular velocities.
 
     Attributes:
-        axes: The axes of T in the frame of the angular velocities, as columns, J1 <= J2 <= J3, shape (3, 3).
+        axes: The axes of T in the frame of the angular velocities, as columns, with J1 <= J2 <= J3, shape (3, 3).
         ratios: k1 = J1 / J3 and k2 = J2 / J3, shape (2,).
         singular: Ratios s6 / s5 and s5 / s1 of the singular values.
         observable: Whether the transverse axes are observed.
@@ -33,18 +33,18 @@ class Polhode(NamedTuple):
 
 
 def principal_axes_of_motion(times: FloatArray, rates: FloatArray) -> Polhode:
-    """Return principal axes, in their order, and ratios.
+    """Return the ordered principal axes and the inertia ratios.
 
-    A polhode lies on all quadrics ``w^T (a J + b J^2) w = const``: with rows [w1^2, w2^2, w3^2, 2 w1 w2, 2 w1 w3,
-    2 w2 w3, -1] the two right singular vectors of the least singular values span them, and the eigenvectors of any
-    member are the axes; the member with the largest relative gap between its eigenvalues is taken. Euler's equations
+    A polhode lies on all quadrics ``w^T (a J + b J^2) w = const``. With rows [w1^2, w2^2, w3^2, 2 w1 w2, 2 w1 w3,
+    2 w2 w3, -1], the two right singular vectors of the smallest singular values span them, and the eigenvectors of any
+    member are the axes; the member with the largest relative gap between its eigenvalues is used. Euler's equations
     give the ratios: ``w_i(t) - w_i(0) = p_i int w_j w_k`` (i, j, k cyclic), ``p1 = (J2 - J3) / J1`` and so on; the axis
     whose p has the odd sign is axis 2, ``k1 = (1 + p3) / (1 - p1)`` and ``k2 = k1 - p3``. The directions along the
-    axes remain free but for the sign of the axis that the motion encircles.
+    axes remain undetermined except for the sign of the axis that the motion encircles.
 
     Source:
         Setterfield et al., "Inertial properties estimation of a passive on-orbit object using polhode analysis",
-        JGCD 41 (2018), derived anew.
+        JGCD 41 (2018); the equations were derived independently.
 
     Args:
         times: Times [s], ascending, shape (n,).
@@ -75,9 +75,9 @@ def _symmetric(v: FloatArray) -> FloatArray:
 
 
 def _ordered(times: FloatArray, w: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the axes in their order and right-handed, and the ratios; w in the axes, shape (n, 3)."""
+    """Return the ordered, right-handed axes and the ratios, given w in the axes, shape (n, 3)."""
     p = _euler_coefficients(times, w)
-    # One p is negative of three (J1 < J2 < J3: p1 < 0 < p2, p3 < 0), or one is positive, after a cyclic relabelling.
+    # For J1 < J2 < J3, p1 < 0 < p2 and p3 < 0: one sign differs from the other two, in any order of the axes.
     signs = np.sign(p)
     odd = int(np.argmax(signs != np.sign(signs.sum()))) if abs(signs.sum()) == 1 else int(np.argmax(np.abs(p)))
     order = [(odd + 2) % 3, odd, (odd + 1) % 3]

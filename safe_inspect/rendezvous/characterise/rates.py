@@ -13,13 +13,13 @@ def angular_velocities(
 ) -> tuple[FloatArray, FloatArray]:
     """Return mid times [s], shape (n,), and smoothed angular velocities in the body's frame [rad/s], shape (n, 3).
 
-    ``w = Log(R_k^T R_k+m) / (t_k+m - t_k)`` at the mid time, m the fewest frames that span `span`, then weighted by a
-    Hann window about each mid time.
+    ``w = Log(R_k^T R_k+m) / (t_k+m - t_k)`` holds at the mid time, where m is the smallest number of frames that covers
+    `span`. The rates are then smoothed with a Hann window about each mid time.
 
     Args:
         times: Times of the frames [s], ascending, shape (F,).
         orientation: Attitudes from the body's frame to an inertial one, shape (F, 4).
-        span: Least time between two attitudes that are compared [s].
+        span: Minimum time between two attitudes that are compared [s].
         window: Length of the window [s]; 0 for no smoothing.
     """
     later = np.searchsorted(times, times + span - 1e-9)
@@ -34,7 +34,7 @@ def angular_velocities(
         return middle, rates
     offset = np.abs(middle[:, None] - middle) / (0.5 * window)
     weight = np.where(offset < 1.0, 0.5 + 0.5 * np.cos(np.pi * offset), 0.0)
-    # A line through the window's rates, taken at its middle: the mean alone is biased at the ends.
+    # Fit a line to the rates in the window and evaluate it at the mid time: the mean is biased at the ends.
     centred = middle - middle[:, None]
     total, first_moment = weight.sum(axis=1), (weight * centred).sum(axis=1)
     second_moment = (weight * centred**2).sum(axis=1)

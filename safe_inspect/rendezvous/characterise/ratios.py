@@ -1,4 +1,4 @@
-"""The ratios of the principal moments, and numbers without limits that stand for them."""
+"""Ratios of the principal moments, and their parametrisation by unbounded logits."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-#: Keeps the logits of a body of revolution finite.
+#: Minimum of a logistic value, so that the logits of a body of revolution are finite.
 LEAST_SHARE = 1e-9
-#: Logits beyond this are cut.
+#: Logits are clipped to this magnitude.
 _LARGEST = 25.0
 
 
 def ratios_of(logits: FloatArray) -> FloatArray:
-    """Return k1 = J1 / J3 and k2 = J2 / J3, those of a rigid body whatever the logits are, shape (..., 2).
+    """Return k1 = J1 / J3 and k2 = J2 / J3, which are those of a rigid body for any logits, shape (..., 2).
 
     ``k2 = (1 + s(a)) / 2`` and ``k1 = 1 - k2 + (2 k2 - 1) s(b)`` with the logistic function s.
 
     Args:
-        logits: a and b, shape (..., 2).
+        logits: Logits a and b, shape (..., 2).
     """
     s = 1.0 / (1.0 + np.exp(-np.clip(np.asarray(logits, dtype=np.float64), -_LARGEST, _LARGEST)))
     k2 = 0.5 + 0.5 * s[..., 0]
@@ -26,7 +26,7 @@ def ratios_of(logits: FloatArray) -> FloatArray:
 
 
 def logits_of(ratios: FloatArray) -> FloatArray:
-    """Return the logits of ratios, those of no rigid body moved to the nearest, shape (..., 2)."""
+    """Return the logits of ratios, shape (..., 2); ratios that no rigid body has are moved to the nearest possible."""
     k1, k2 = np.asarray(ratios, dtype=np.float64)[..., 0], np.asarray(ratios, dtype=np.float64)[..., 1]
     spread = np.clip(2.0 * k2 - 1.0, LEAST_SHARE, 1.0 - LEAST_SHARE)
     shares = np.clip(np.stack((spread, (k1 - (1.0 - k2)) / spread), axis=-1), LEAST_SHARE, 1.0 - LEAST_SHARE)

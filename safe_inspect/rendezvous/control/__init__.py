@@ -1,1 +1,1 @@
-"""Tracking of a plan: tubes, gains, model predictive control, attitude control."""
+"""Track a plan: tubes, gains, model predictive control and attitude control."""

@@ -1,4 +1,4 @@
-"""Attitude control: the command that points the camera, and the torque that follows a command."""
+"""Attitude control: the command that points the camera and the torque that follows a command."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class AttitudeCommand:
-    """An attitude to reach.
+    """An attitude for the controller to follow.
 
     Attributes:
         orientation: q_WB [x, y, z, w], shape (4,).
-        angular_velocity: Of the commanded attitude, in its own axes [rad/s], shape (3,).
+        angular_velocity: Angular velocity of the commanded attitude, in its own axes [rad/s], shape (3,).
     """
 
     orientation: FloatArray
@@ -25,9 +25,10 @@ class AttitudeCommand:
 
 
 class CameraPointing:
-    """The attitude that keeps the camera on a point, by the shortest arc from the last one.
+    """Generator of attitude commands that point the camera at a target point.
 
-    Its angular velocity is the difference of two attitudes over the step, clipped to what the chaser can follow.
+    Each attitude is reached by the shortest arc from the previous one. Its angular velocity is the difference of the
+    two attitudes divided by the time step, clipped to what the chaser can follow.
     """
 
     def __init__(
@@ -37,8 +38,8 @@ class CameraPointing:
 
         Args:
             orientation: q_WB at the start, shape (4,).
-            largest_rate: Largest angular rate of a command [rad/s].
-            largest_acceleration: Largest angular acceleration of a command [rad/s^2].
+            largest_rate: Maximum angular rate of a command [rad/s].
+            largest_acceleration: Maximum angular acceleration of a command [rad/s^2].
         """
         self.largest_rate, self.largest_acceleration = largest_rate, largest_acceleration
         self._camera = quaternion.to_matrix(np.asarray(orientation)) @ R_BC
@@ -48,12 +49,12 @@ class CameraPointing:
     def step(self, position: FloatArray, target: FloatArray, seconds: float) -> AttitudeCommand:
         """Return the command of this step.
 
-        The first one has no attitude before it to differ from: its angular velocity is zero.
+        The angular velocity of the first command is zero because there is no previous attitude.
 
         Args:
-            position: Of the chaser in W [m], shape (3,).
-            target: The point to look at, in W [m], shape (3,).
-            seconds: Time since the last step [s].
+            position: Position of the chaser in W [m], shape (3,).
+            target: Point at which the camera is aimed, in W [m], shape (3,).
+            seconds: Time since the previous step [s].
         """
         self._camera = point_camera(self._camera, position, target)
         orientation = quaternion.from_matrix(self._camera @ R_BC.T)
@@ -72,16 +73,17 @@ class CameraPointing:
 
 @dataclass(frozen=True, eq=False)
 class AttitudeController:
-    """Proportional-derivative control with the gyroscopic torque.
+    """Proportional-derivative attitude controller that compensates the gyroscopic torque.
 
     ``tau = -2 K_p sgn(q_e,w) q_e,v - K_d (w - R_e' w_d) + w x J w`` with ``q_e = q_d^-1 q``, ``K_p = J w_n^2`` and
     ``K_d = 2 zeta w_n J``; q and -q give the same torque. Each component is clipped.
 
     Attributes:
-        inertia: Moments of inertia about the body's axes [kg m^2], shape (3,).
-        torque: Largest torque about each axis [N m].
+        inertia: Moments of inertia about the axes of the body [kg m^2], shape (3,).
+        torque: Maximum torque about each axis [N m].
         frequency: Natural frequency w_n [rad/s].
-        damping: Damping ratio zeta; 0.9 turns by 60 degrees about any axis in less than 7 s, 1 in up to 7.4 s.
+        damping: Damping ratio zeta. With 0.9 a turn by 60 degrees about any axis takes less than 7 s, with 1 up to
+            7.4 s.
 
     Source:
         Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", 2014, section 7.2.
@@ -97,8 +99,8 @@ class AttitudeController:
 
         Args:
             orientation: q_WB, shape (..., 4).
-            angular_velocity: In B [rad/s], shape (..., 3).
-            command: What to follow.
+            angular_velocity: Angular velocity in B [rad/s], shape (..., 3).
+            command: The attitude to follow.
         """
         error = quaternion.multiply(quaternion.conjugate(command.orientation), orientation)
         sign = np.where(error[..., 3:] < 0.0, -1.0, 1.0)
@@ -111,5 +113,5 @@ class AttitudeController:
 
 
 def _clipped(vector: FloatArray, length: float) -> FloatArray:
-    """Return a vector, shape (3,), shortened to a length where it is longer."""
+    """Return a vector, shape (3,), shortened to `length` if it is longer."""
     return vector * min(1.0, length / max(float(np.linalg.norm(vector)), 1e-300))

@@ -1,4 +1,4 @@
-"""One axis of the chaser's translation: a point mass under a force that is held over each step."""
+"""Dynamics of one axis of the chaser's translation: a point mass under a force that is constant over each step."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True)
 class Axis:
-    """The double integrator ``x+ = A x + B u`` of state (position [m], velocity [m/s]) and force u [N].
+    """Double integrator ``x+ = A x + B u`` with state (position [m], velocity [m/s]) and force u [N].
 
     Attributes:
         mass: Mass of the chaser [kg].
-        step: Period of control [s].
+        step: Control period [s].
     """
 
     mass: float
@@ -25,19 +25,19 @@ class Axis:
 
     @cached_property
     def A(self) -> FloatArray:  # noqa: N802 - the field's name
-        """``[[1, dt], [0, 1]]``."""
+        """State matrix ``[[1, dt], [0, 1]]``, shape (2, 2)."""
         return transition(0.0, self.mass, self.step)[0][np.ix_((0, 3), (0, 3))]
 
     @cached_property
     def B(self) -> FloatArray:  # noqa: N802 - the field's name
-        """``[dt^2/2, dt] / m``, shape (2,)."""
+        """Input vector ``[dt^2/2, dt] / m``, shape (2,)."""
         return transition(0.0, self.mass, self.step)[1][[0, 3], 0]
 
     def closed_loop(self, gain: FloatArray) -> FloatArray:
-        """Return ``A_K = A + B K`` of gains K, shape (..., 2), as shape (..., 2, 2)."""
+        """Return ``A_K = A + B K``, shape (..., 2, 2), for gains K of shape (..., 2)."""
         return self.A + self.B[:, None] * np.asarray(gain)[..., None, :]
 
     def feed_forward(self, velocity: FloatArray) -> FloatArray:
-        """Return the forces ``m (v_{k+1} - v_k) / dt`` [N] that follow velocities (K, ...); the last is repeated."""
+        """Return the forces ``m (v_{k+1} - v_k) / dt`` [N] that produce velocities (K, ...); the last is repeated."""
         force = self.mass * np.diff(velocity, axis=0) / self.step
         return np.concatenate((force, force[-1:])) if len(force) else np.zeros_like(velocity)

@@ -1,4 +1,4 @@
-"""From a plan and the bound of its reference to a tube that tracks it, or a refusal that names remedies."""
+"""Design of the tube that tracks a plan, or of a refusal that names remedies."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
 
-#: Change of position [m] and velocity [m/s] in a step by other causes, such as the sampling of the reference.
+#: Change of position [m] and velocity [m/s] per step due to other causes, such as the sampling of the reference.
 _PROCESS = np.array([5e-6, 5e-6])
 
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """How a tube is designed.
+    """Options for the design of a tube.
 
     Attributes:
         process_force: Largest force that is not commanded, along each axis [N].
-        reserve: Force that shall be left for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
-            less a plan is still accepted, but nominal errors may take longer horizons to correct.
+        reserve: Force that should remain for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
+            less, a plan is still accepted, but correcting nominal errors may need longer horizons.
         gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
         length: Length of the scenario [m].
         frequencies: Natural frequencies of that grid [rad/s].
@@ -50,14 +50,15 @@ class TubeDesign:
     """A tube that tracks a plan.
 
     Attributes:
-        axis: The axes' model.
-        limits: What tracking must keep.
+        axis: Dynamics of each axis.
+        limits: Limits that tracking must respect.
         tube: The tube.
         times: Times of the plan [s], shape (K,).
-        force_reserve: Force left for the nominal feedback, of the worst axis [N], shape (K,).
-        state_reserve: Least of what remains of keep-in [m] and of speed [m/s] along each axis, shape (3, 2).
-        margin: Clearance m(t) that the plan must keep beyond the chaser's radius [m], shape (K,).
-        refusal: Why the plan cannot be tracked, and what would help; empty where it can.
+        force_reserve: Force that remains for the nominal feedback on the worst axis [N], shape (K,).
+        state_reserve: Smallest remaining distance to the keep-in box [m] and to the speed limit [m/s] along each axis,
+            shape (3, 2).
+        margin: Clearance m(t) that the plan must have beyond the chaser's radius [m], shape (K,).
+        refusal: Why the plan cannot be tracked, and what would help; empty if it can be tracked.
     """
 
     axis: Axis
@@ -71,13 +72,13 @@ class TubeDesign:
 
     @property
     def accepted(self) -> bool:
-        """Whether the plan can be tracked, if it keeps the margin."""
+        """Whether the plan can be tracked, provided that it has the margin."""
         return not self.refusal
 
     def margin_at(self, since: FloatArray) -> FloatArray:
         """Return the clearance margin at times since the plan's start [s], shape (k,), for a planner's query.
 
-        Between two steps it is the larger one; after the last that of the last.
+        Between two steps it is the larger of their margins; after the last step it is that of the last step.
         """
         place = np.clip(np.asarray(since) / self.axis.step, 0.0, len(self.margin) - 1.0)
         nearest = np.round(place)
@@ -87,7 +88,7 @@ class TubeDesign:
 
 
 def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
-    """Return what disturbs an axis: the bound of the reference, and the force that is not commanded."""
+    """Return the disturbance of an axis: the bound of the reference and the force that is not commanded."""
     options = options or DesignOptions()
     process = np.abs(axis.B) * options.process_force + _PROCESS
     return AxisBound(bound.position, bound.velocity, bound.force, process)
@@ -100,26 +101,29 @@ def design_tube(
     limits: TrackingLimits | None = None,
     options: DesignOptions | None = None,
 ) -> TubeDesign:
-    """Return the tube with the least clearance margin that leaves force for feedback at all times.
+    """Return the tube with the smallest clearance margin that leaves force for feedback at all times.
 
-    The force that is available is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the
-    estimated reference may differ from the plan's by b_F.
+    The available force is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the estimated
+    reference may differ from that of the plan by b_F.
 
     Args:
-        plan: A plan with samples at the period of control.
-        bound: The bound of its reference, at the same times.
-        axis: The axes' model.
-        limits: What tracking must keep.
-        options: How the tube is designed.
+        plan: A plan that is sampled at the control period.
+        bound: The error bound of its reference, at the same times.
+        axis: Dynamics of each axis.
+        limits: Limits that tracking must respect.
+        options: Options of the design.
 
     Raises:
-        ValueError: Plan, bound and control do not have the same times.
+        ValueError: The samples of plan and bound differ in number, or are not spaced by the control period.
     """
     limits, options = limits or TrackingLimits(), options or DesignOptions()
     if len(plan.times) < 2 or plan.times.shape != bound.times.shape:
-        raise ValueError(f"tube: the plan has {len(plan.times)} samples, its bound {len(bound.times)}")
+        raise ValueError(
+            f"tube: the plan has {len(plan.times)} samples but its bound has {len(bound.times)}; both need the same, "
+            "at least two"
+        )
     if not np.allclose(np.diff(plan.times), axis.step, rtol=1e-6):
-        raise ValueError(f"tube: the plan must be sampled every {axis.step:g} s, the period of control")
+        raise ValueError(f"tube: the plan must be sampled every {axis.step:g} s, the control period")
     disturbance = axis_bound(axis, bound, options)
     reference = TrackedReference(plan.position, plan.velocity, plan.tide)
     planned = np.abs(reference.feed_forward(axis)).max(axis=1)
@@ -137,7 +141,7 @@ def design_tube(
 
 
 def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> str:
-    """Return why the plan cannot be tracked; empty where it can."""
+    """Return why the plan cannot be tracked; empty if it can."""
     worst = int(reserve.argmin())
     lacking: Iterable[str] = ()
     if reserve[worst] < 0.0:
@@ -160,18 +164,18 @@ def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> s
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """A plan that a tracker is to be designed for.
+    """Request for the design of a tracker for a plan.
 
     Attributes:
-        plan: The plan, sampled at the steps of control.
-        bound: Bound of the error of its reference.
+        plan: The plan, sampled at the control steps.
+        bound: Error bound of its reference.
         clearance: Distance of the chaser's sphere to the target along the plan [m], shape (K,).
-        axis: The chaser along one axis.
-        limits: What tracking must keep.
-        force_error: Largest error of a force of the actuators [N].
+        axis: Dynamics of the chaser along one axis.
+        limits: Limits that tracking must respect.
+        force_error: Largest error of the force of the actuators [N].
         length: Length of the scenario [m].
-        gain: Gain of the tube that the plan was made for, shape (2,) or (K, 2), which is kept where the force allows
-            it; None for the best.
+        gain: Gain of the tube that the plan was made for, shape (2,) or (K, 2); it is used again if the force allows
+            it. None to choose the best gain.
     """
 
     plan: Plan
@@ -185,15 +189,15 @@ class DesignRequest:
 
 
 def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] = FREQUENCIES) -> TubeDesign:
-    """Return the tube that leaves most clearance along a plan, or why there is none.
+    """Return the tube that leaves the most clearance along a plan, or a design that says why there is none.
 
-    The gain that the plan was made for is kept where force, keep-in and speed allow it: its margin is the plan's, but
-    for the change of the bound, so that plan and tube agree after a few turns. Else the tube that is narrowest over all
-    times is tried first; where it is wider than the plan's clearance, that of each gain which the force allows, and of
-    gains that stiffen from the best one.
+    The gain that the plan was made for is used again if force, keep-in box and speed limit allow it: its margin then
+    equals that of the plan except for the change of the bound, so that plan and tube agree after a few iterations.
+    Otherwise the tube that is narrowest over all times is tried first. If it is wider than the plan's clearance, the
+    tubes of all gains that the force allows are tried, and those of gains that stiffen from the best one.
 
     Args:
-        request: The plan.
+        request: The plan and the limits.
         frequencies: Natural frequencies of the gains that are tried [rad/s].
     """
     plan, axis = request.plan, request.axis
@@ -225,7 +229,7 @@ def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] =
 
 
 def _resampled(gain: FloatArray, steps: int) -> FloatArray:
-    """Return a gain for a plan of another number of steps, shape (2,) or (steps, 2)."""
+    """Return a gain interpolated to another number of steps, shape (2,) or (steps, 2)."""
     if gain.ndim == 1 or len(gain) == steps:
         return gain
     old, new = np.linspace(0.0, 1.0, len(gain)), np.linspace(0.0, 1.0, steps)
@@ -233,7 +237,7 @@ def _resampled(gain: FloatArray, steps: int) -> FloatArray:
 
 
 def design_without_tube(request: DesignRequest) -> TubeDesign:
-    """Return a tube of no width, for trackers without one."""
+    """Return a design whose tube has zero width, for trackers without a tube."""
     plan, axis, limits = request.plan, request.axis, request.limits
     tube = no_tube(len(plan.times))
     reference = TrackedReference(plan.position, plan.velocity, plan.tide)

@@ -1,4 +1,4 @@
-"""Feedback gains: of a natural frequency and a damping, by the linear-quadratic regulator, and the best for a tube."""
+"""Feedback gains from a natural frequency and a damping or from the linear-quadratic regulator, and the best tube."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.tube import AxisBound, Tube, truth_tube
 from safe_inspect.types import FloatArray
 
-# Clearance beyond the tube, as a share of the scenario's length: half for the certificate between samples, half for the
-# nominal error |z|.
+# Clearance beyond the tube, as a fraction of the scenario's length: half for the certificate between samples, half for
+# the nominal error |z|.
 RESERVE_CLEARANCE = 0.02
 #: Natural frequencies that are tried by default [rad/s].
 FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
@@ -21,13 +21,13 @@ FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
 
 @dataclass(frozen=True)
 class TrackingWeights:
-    """Weights of quadratic costs, by Bryson's rule one over the squares of acceptable values.
+    """Weights of a quadratic cost: by Bryson's rule, one over the squares of acceptable values.
 
     Attributes:
-        position: 1/m^2.
-        velocity: s^2/m^2.
-        force: 1/N^2.
-        offset: Of the artificial steady state's distance from the reference [1/m^2].
+        position: Weight of the position [1/m^2].
+        velocity: Weight of the velocity [s^2/m^2].
+        force: Weight of the force [1/N^2].
+        offset: Weight of the distance of the artificial steady state from the reference [1/m^2].
     """
 
     position: float = 1.0 / 0.05**2
@@ -37,7 +37,7 @@ class TrackingWeights:
 
     @classmethod
     def of_force(cls, largest: float) -> TrackingWeights:
-        """Return the weights for actuators of a largest force [N], of which a third is acceptable."""
+        """Return the weights for actuators with a maximum force [N], a third of which is acceptable."""
         return cls(force=1.0 / (0.1 * (largest / 0.30)) ** 2)
 
 
@@ -61,13 +61,17 @@ def lqr_gain(axis: Axis, weights: TrackingWeights | None = None) -> FloatArray:
 
 
 def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:
-    """Return ``m = |(h_x, h_y, h_z)| + 2 cm`` [m], shape (K,), what a plan must keep clear beyond the chaser's radius.
+    """Return the clearance ``m = |(h_x, h_y, h_z)| + 2 cm`` that a plan needs beyond the chaser's radius.
 
-    A distance changes at most as the position does, and the half width h is that of all three axes: sqrt(3) h.
+    A distance changes at most by as much as the position, and the half width h is the same on all three axes, which
+    gives sqrt(3) h.
 
     Args:
         tube: The tube.
-        length: Length of the scenario [m]; 2 cm are for 1 m.
+        length: Length of the scenario [m]; the 2 cm are for 1 m.
+
+    Returns:
+        The clearance at each step [m], shape (K,).
     """
     return np.asarray(np.sqrt(3.0) * tube.clearance + RESERVE_CLEARANCE * length)
 
@@ -85,10 +89,10 @@ def candidate_gains(
 
 
 def stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
-    """Yield gains that start near a constant one and stiffen linearly in frequency, shape (K, 2).
+    """Yield gains, shape (K, 2), that start near a constant one and whose natural frequency increases linearly.
 
-    The bound of the reference shrinks towards the end of an approach, so that the same force allows more feedback,
-    and a narrower tube, where the target is nearest.
+    The bound of the reference shrinks towards the end of an approach. The same force therefore allows more feedback,
+    and a narrower tube, when the chaser is closest to the target.
 
     Args:
         axis: The axis.
@@ -110,18 +114,19 @@ def best_tube(
     wanted: float = 0.0,
     stiffen: bool | None = None,
 ) -> tuple[Tube, FloatArray]:
-    """Return the narrowest tube among those whose feedback leaves a wanted part of the available force.
+    """Return the narrowest tube whose feedback leaves at least `wanted` of the available force.
 
-    The least sum of the largest and the last width is taken: both the way and the end need clearance. Where no tube
-    leaves as much, the one that leaves most is returned; where its least reserve is negative, it cannot be flown.
+    The narrowest tube has the smallest sum of the largest and the last width, because clearance is needed both along
+    the approach and at its end. If no tube leaves that much force, the one that leaves the most is returned; it cannot
+    be flown if its smallest reserve is negative.
 
     Args:
         axis: The axis.
-        bound: What disturbs it.
-        available: Force left to feedback at each step, ``F_max - |F_plan|`` of the worst axis [N], shape (K,).
+        bound: Disturbance of the axis.
+        available: Force available for feedback at each step, ``F_max - |F_plan|`` of the worst axis [N], shape (K,).
         gains: Gains to try, shape (2,) or (K, 2); by default `candidate_gains`.
-        wanted: Force that shall remain at all times [N].
-        stiffen: Whether the `stiffening_gains` of the best are tried too; by default without `gains`.
+        wanted: Force that must remain at all times [N].
+        stiffen: Whether to try the `stiffening_gains` of the best gain too; by default only if `gains` is None.
 
     Returns:
         The tube, and the force that remains for the nominal feedback v at each step [N], shape (K,).

@@ -1,4 +1,4 @@
-"""The linear-quadratic regulator about the reference, with clipped force: a comparison, and for holding a position."""
+"""Linear-quadratic regulator about the reference, with clipped force: for comparison, and for holding a position."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from safe_inspect.types import FloatArray
 
 
 class LQRTracker(Tracker):
-    """The linear-quadratic regulator about the reference, with clipped force and without a tube."""
+    """Linear-quadratic regulator about the reference, with clipped force and without a tube."""
 
     def design(self, request: DesignRequest) -> TubeDesign:
-        """Return a tube of no width."""
+        """Return a design whose tube has zero width."""
         return design_without_tube(request)
 
     def __call__(self, design: TubeDesign) -> LQRTrackerRun:
-        """Return the tracker of one approach."""
+        """Return the tracker for one approach."""
         return LQRTrackerRun(design.axis, design.limits.force)
 
 
 class LQRTrackerRun:
-    """``u = u_r + K (x_hat - r_hat)``, clipped."""
+    """Linear-quadratic regulator of one approach: ``u = u_r + K (x_hat - r_hat)``, clipped."""
 
     def __init__(self, axis: Axis, force: float = 0.30, weights: TrackingWeights | None = None) -> None:
         """Compute the gain.
 
         Args:
-            axis: The axes' model.
-            force: Largest force along each axis [N].
-            weights: Weights of the cost; by default those of this force.
+            axis: Dynamics of each axis.
+            force: Maximum force along each axis [N].
+            weights: Weights of the cost; by default `TrackingWeights.of_force` of this force.
         """
         self.axis, self.force = axis, force
         self.gain = lqr_gain(axis, weights or TrackingWeights.of_force(force))

@@ -1,4 +1,4 @@
-"""Whether a new estimate's reference is still the one that bound, tube and plan were made for."""
+"""Check whether the reference of a new estimate is still one that bound, tube and plan were made for."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from safe_inspect.rendezvous.planner.query import Plan
 
 
 def reference_problem(design: TubeDesign, plan: Plan, unrenewed: Bound, reference: TrackedReference, k: int = 0) -> str:
-    """Return what is wrong with a reference from step k on; empty where nothing is.
+    """Return what is wrong with a reference from step k on; empty if nothing is.
 
-    It is to stay within the bound that a propagated estimate keeps without updates, and it is to leave what the tube
-    needs of force, speed and keep-in box. Otherwise bound, tube and certificate are to be made anew, or a new plan.
-    Errors of attitude do not touch the clearance, which is kept in the target's axes.
+    The reference must stay within the bound that holds for a propagated estimate without updates, and it must leave
+    the force, speed and part of the keep-in box that the tube needs. Otherwise bound, tube and certificate have to be
+    computed again, or a new plan made. Errors of attitude do not affect the clearance, which is defined in the target's
+    axes.
 
     Args:
         design: The tube of the plan.
-        plan: The plan that is flown.
+        plan: The plan that is being flown.
         unrenewed: The bound of the plan's reference without updates.
-        reference: The new reference, at the plan's samples and after.
-        k: The first step that matters.
+        reference: The new reference, at the samples of the plan and possibly after them.
+        k: The first step to check.
     """
     last = len(plan.times)
     for name, unit, found, planned, allowed in (
@@ -35,10 +36,10 @@ def reference_problem(design: TubeDesign, plan: Plan, unrenewed: Bound, referenc
             worst = int(excess.argmax())
             return (
                 f"reference: its {name} differs from the plan's by {difference[worst]:.3f} {unit} at "
-                f"{plan.times[k + worst] - plan.t_start:.1f} s, {allowed[k + worst]:.3f} {unit} are bounded"
+                f"{plan.times[k + worst] - plan.t_start:.1f} s, more than the bound of {allowed[k + worst]:.3f} {unit}"
             )
     reserve = TightenedLimits(design.axis, reference, design.tube, design.limits).reserve(k).min(axis=0)
     for name, unit, value in zip(("keep-in box", "speed", "force"), ("m", "m/s", "N"), reserve, strict=True):
         if value < 0.0:
-            return f"reference: with its tube it exceeds the limit of {name} by {-value:.3f} {unit}"
+            return f"reference: together with its tube it exceeds the {name} limit by {-value:.3f} {unit}"
     return ""

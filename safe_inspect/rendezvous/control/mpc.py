@@ -1,4 +1,4 @@
-"""Tube model predictive control of the three axes about a reference that may change at each step."""
+"""Tube model predictive control of the three axes about a reference that may change at every step."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from safe_inspect.rendezvous.control.tube import Tube
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate
 
-#: Horizons, as multiples of the one asked for, that are tried where the first step has no solution.
+#: Multiples of the configured horizon that are tried if the first step has no solution.
 _LONGER = (2, 4)
-#: Number of natural frequencies that are tried between the least and the largest.
+#: Number of natural frequencies that are tried between the smallest and the largest.
 _FREQUENCIES = 20
 
 
 class TubeMPCTracker(Tracker):
-    """Tube model predictive control; of the gains that the force allows it takes the one that leaves most clearance.
+    """Tube model predictive control with the gain, of those that the force allows, that leaves the most clearance.
 
     Attributes:
-        horizon: Steps of the programme.
-        least_frequency: Least natural frequency of the feedback gains that are tried [rad/s].
-        largest_frequency: Largest one [rad/s].
+        horizon: Number of steps of the quadratic programme.
+        least_frequency: Smallest natural frequency of the feedback gains that are tried [rad/s].
+        largest_frequency: Largest natural frequency of the feedback gains that are tried [rad/s].
     """
 
     horizon: int = Field(default=20, ge=2)
@@ -35,25 +35,26 @@ class TubeMPCTracker(Tracker):
     largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
 
     def design(self, request: DesignRequest) -> TubeDesign:
-        """Return the tube of a plan, or why there is none."""
+        """Return the tube for a plan, or a design that says why there is none."""
         frequencies = np.geomspace(self.least_frequency, self.largest_frequency, _FREQUENCIES)
         return design_by_clearance(request, tuple(frequencies))
 
     def __call__(self, design: TubeDesign) -> TubeMPC:
-        """Return the tracker of one approach."""
+        """Return the tracker for one approach."""
         return TubeMPC(design.axis, design.tube, design.limits, self.horizon)
 
 
 class TubeMPC:
-    """``u = u_r + v_0 + K (x_hat - r_hat - z_0)``, of the programme of `TrackingQP` for each axis.
+    """Controller ``u = u_r + v_0 + K (x_hat - r_hat - z_0)`` that solves a `TrackingQP` for each axis.
 
-    The object keeps the nominal errors of one approach. Where the programme has no solution at the first step,
-    longer horizons are tried, and kept; later, the rest of the last solution is flown; failing that the axis is
-    regulated with clipped force and its status says so: the tube's guarantee then no longer holds.
+    An object stores the nominal errors of one approach. If the programme has no solution at the first step, longer
+    horizons are tried, and the one that works is used from then on. At later steps, the rest of the last solution is
+    flown. If there is none, the axis is regulated with clipped force and its status says so: the guarantee of the tube
+    then no longer holds.
 
-    A new reference moves the limits of z. Where that is by no more than the bound of references allows, they are
-    relaxed to hold the rest of the last solution: it kept those about the reference before, which is within the bound
-    too. So what was feasible remains so.
+    A new reference moves the limits of z. If they move by no more than the bound of references allows, they are
+    relaxed to contain the rest of the last solution: that solution respected the limits about the previous reference,
+    which is within the bound too. A feasible programme therefore remains feasible.
 
     Source:
         Limon, Alvarado, Alamo and Camacho, "Robust tube-based MPC for tracking of constrained linear systems with
@@ -68,14 +69,14 @@ class TubeMPC:
         horizon: int = 20,
         weights: TrackingWeights | None = None,
     ) -> None:
-        """Set the programmes up.
+        """Set up the programmes.
 
         Args:
-            axis: The axes' model.
+            axis: Dynamics of each axis.
             tube: The tube.
             limits: Limits before tightening.
-            horizon: Steps N of the programme.
-            weights: Weights of the cost; by default those of the largest force.
+            horizon: Number of steps N of the programme.
+            weights: Weights of the cost; by default `TrackingWeights.of_force` of the maximum force.
         """
         self.axis, self.tube, self.limits = axis, tube, limits or TrackingLimits()
         self._horizon, self._weights = horizon, weights or TrackingWeights.of_force(self.limits.force)
@@ -84,7 +85,8 @@ class TubeMPC:
         self._reference: TrackedReference | None = None
         self._solutions: list[TrackingSolution | None] = [None, None, None]
         self._factors = [1, 1, 1]
-        # How far two references may be apart that keep the bound, by which the tube about one is wider than the tube.
+        # The largest distance between two references that are both within the bound. The tube about an estimated
+        # reference is wider than that about the true one by half of it.
         self._jump = 2.0 * float((tube.position - tube.clearance).max())
         self.tightened = TightenedLimits(axis, TrackedReference(np.zeros((1, 3)), np.zeros((1, 3))), tube, self.limits)
 
@@ -93,7 +95,7 @@ class TubeMPC:
 
         Args:
             estimate: Position [m] and velocity [m/s] of the chaser in W, shape (6,).
-            reference: What to follow from step 0 on; a new object where it has changed.
+            reference: Reference to follow, from step 0 on; a new object if it has changed.
             k: The step.
         """
         if reference is not self._reference:
@@ -119,10 +121,10 @@ class TubeMPC:
     def _solve(self, i: int, error: FloatArray, limits: AxisLimits) -> tuple[TrackingSolution | None, AxisStatus]:
         """Return the solution of axis i for its error x_hat - r_hat, shape (2,), and how it was found."""
         last = self._solutions[i]
-        start = error if last is None else last.states[1]  # the error of a tube may not start anew
+        start = error if last is None else last.states[1]  # the tube holds about a nominal error that continues
         if last is not None:
             limits = limits.holding(last, self._jump)
-        # The horizon of the last solution: with a shorter one what was feasible need not remain so.
+        # Use the horizon of the last solution: with a shorter one, a feasible programme could become infeasible.
         solution = self._programme(self._factors[i]).solve(start, limits)
         if solution is not None:
             return solution, AxisStatus.SOLVED if self._factors[i] == 1 else AxisStatus.LONGER_HORIZON

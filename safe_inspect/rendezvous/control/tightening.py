@@ -1,4 +1,4 @@
-"""Limits of the nominal errors: the chaser's limits less the reference and less the tube."""
+"""Limits of the nominal errors: the chaser's limits minus the reference and minus the tube."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from safe_inspect.rendezvous.control.tracking_qp import AxisLimits
 from safe_inspect.rendezvous.control.tube import Tube
 from safe_inspect.types import FloatArray
 
-_UNLIMITED = 1e31  # the solver takes 1e30 and more as infinite
+_UNLIMITED = 1e31  # the solver treats 1e30 and more as infinite
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedReference:
-    """What to follow, at the steps of control.
+    """Reference to follow, sampled at the control steps.
 
     Attributes:
-        position: In W [m], shape (K, 3).
-        velocity: In W [m/s], shape (K, 3).
+        position: Position in W [m], shape (K, 3).
+        velocity: Velocity in W [m/s], shape (K, 3).
         tide: Acceleration that needs no force, on an orbit [m/s^2], shape (K, 3); None in free space.
     """
 
@@ -30,7 +30,7 @@ class TrackedReference:
     tide: FloatArray | None = None
 
     def feed_forward(self, axis: Axis) -> FloatArray:
-        """Return the forces that follow it, of each step the mean [N], shape (K, 3); the last is repeated."""
+        """Return the mean force of each step that follows the reference [N], shape (K, 3); the last is repeated."""
         force = axis.feed_forward(self.velocity)
         if self.tide is None:
             return force
@@ -41,12 +41,12 @@ class TrackedReference:
 
 @dataclass(frozen=True)
 class TrackingLimits:
-    """What tracking must keep, along each axis of W.
+    """Limits that tracking must respect along each axis of W.
 
     Attributes:
-        force: Largest force [N].
-        speed: Largest speed [m/s]; more than a plan may use, so that errors may be corrected.
-        keep_in: Half sizes of the box about the origin of W [m]; None for no box.
+        force: Maximum force [N].
+        speed: Maximum speed [m/s]; higher than that of a plan, so that errors can be corrected.
+        keep_in: Half sizes of the keep-in box about the origin of W [m]; None for no box.
     """
 
     force: float = 0.30
@@ -55,9 +55,9 @@ class TrackingLimits:
 
 
 class TightenedLimits:
-    """Limits of z and v that hold from a step to the end of the reference: ``(X - r_k) - tube`` over all k after it.
+    """Limits of z and v from a step to the end of the reference: the intersection of ``(X - r_k) - tube`` over those k.
 
-    They only grow with time, so that what was feasible remains so.
+    They only widen with time, so that a feasible programme remains feasible.
     """
 
     def __init__(self, axis: Axis, reference: TrackedReference, tube: Tube, limits: TrackingLimits) -> None:
@@ -69,25 +69,25 @@ class TightenedLimits:
         half = np.stack((box, np.full(3, limits.speed), np.full(3, limits.force)), axis=1)
         centre = np.stack((reference.position, reference.velocity, self.feed_forward), axis=2)
         half_k = half - np.stack((tube.position, tube.velocity, tube.force), axis=1)[steps][:, None, :]
-        # (K, 3 axes, position velocity force), each the intersection over the rest of the reference
+        # Shape (K, 3 axes, 3 for position, velocity and force); each entry is the intersection over the rest of the
+        # reference.
         self.upper = _remaining_least(half_k - centre)
         self.lower = -_remaining_least(half_k + centre)
 
     def reserve(self, k: int = 0) -> FloatArray:
-        """Return what remains of position [m], velocity [m/s] and force [N] about z = 0, v = 0 from step k on, (3, 3).
+        """Return the remaining position [m], velocity [m/s] and force [N] about z = 0, v = 0 from step k on.
 
-        The rows are the axes of W.
-
-        A negative entry means that the reference itself cannot be followed within that limit.
+        The shape is (3, 3); the rows are the axes of W. A negative entry means that the reference itself cannot be
+        followed within that limit.
         """
         return np.asarray(np.minimum(self.upper[k], -self.lower[k]))
 
     def at(self, k: int, axis: int) -> AxisLimits:
-        """Return the limits of an axis of W from step k on."""
+        """Return the limits along an axis of W from step k on."""
         lower, upper = self.lower[k, axis], self.upper[k, axis]
         return AxisLimits(lower[:2], upper[:2], float(lower[2]), float(upper[2]))
 
 
 def _remaining_least(values: FloatArray) -> FloatArray:
-    """Return the least of each value and all after it, along the first axis."""
+    """Return the minimum of each value and all later ones, along the first axis."""
     return np.asarray(np.minimum.accumulate(values[::-1])[::-1])

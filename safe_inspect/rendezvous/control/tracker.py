@@ -1,4 +1,4 @@
-"""Trackers of a reference: the plugin kind, and what a tracker returns at each step of control."""
+"""Trackers of a reference: the plugin kind, and what a tracker returns at each control step."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from safe_inspect.types import FloatArray
 
 
 class AxisStatus(enum.IntEnum):
-    """How the force along an axis was found; the larger, the worse."""
+    """How the force along an axis was found; larger is worse."""
 
     SOLVED = 0
-    LONGER_HORIZON = 1  # solved with a longer horizon than asked for
-    SHIFTED = 2  # no solution: the rest of the last one
-    REGULATOR = 3  # no solution at all: the clipped linear-quadratic regulator, without the tube's guarantee
+    LONGER_HORIZON = 1  # solved with a longer horizon than the configured one
+    SHIFTED = 2  # no solution: the rest of the last one is used
+    REGULATOR = 3  # no solution to use: the clipped linear-quadratic regulator, without the guarantee of the tube
 
 
 @dataclass(frozen=True, eq=False)
 class TrackerOutput:
-    """The force of one step of control, along the axes of W.
+    """Force of one control step, along the axes of W.
 
     Attributes:
-        force: What to apply [N], shape (3,).
+        force: Force to apply [N], shape (3,).
         nominal: Nominal error z_0 in position [m] and velocity [m/s], shape (3, 2).
-        nominal_force: v_0 [N], shape (3,).
-        status: How each axis was found, shape (3,), of `AxisStatus`.
+        nominal_force: Nominal force v_0 [N], shape (3,).
+        status: How the force along each axis was found, three `AxisStatus`.
     """
 
     force: FloatArray
@@ -40,26 +40,26 @@ class TrackerOutput:
 
     @property
     def feasible(self) -> bool:
-        """Whether every axis has a solution, this one's or the rest of the last one."""
+        """Whether every axis has a solution: a new one or the rest of the last one."""
         return max(self.status) < AxisStatus.REGULATOR
 
 
 class TrackerRun(Protocol):
-    """The tracker of one approach."""
+    """Tracker of one approach."""
 
     def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
-        """Return the force at step k of the reference for position and velocity in W, shape (6,)."""
+        """Return the force at step k of the reference for a position and velocity in W, shape (6,)."""
 
 
 class Tracker(Plugin):
-    """Base of trackers of a reference."""
+    """Base class of trackers of a reference."""
 
     kind: ClassVar[str] = "tracker"
 
     @abstractmethod
     def design(self, request: DesignRequest) -> TubeDesign:
-        """Return the tube of a plan, or why there is none."""
+        """Return the tube for a plan, or a design that says why there is none."""
 
     @abstractmethod
     def __call__(self, design: TubeDesign) -> TrackerRun:
-        """Return the tracker of one approach."""
+        """Return the tracker for one approach."""

@@ -1,4 +1,4 @@
-"""The quadratic programme of model predictive control for tracking, of one axis."""
+"""Quadratic programme of model predictive control for tracking along one axis."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from safe_inspect.rendezvous.control.gains import TrackingWeights
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.types import FloatArray
 
-_NO_BOUND = 1e31  # the solver takes 1e30 and more as infinite
-# What a solution may be off by, in metres, metres a second and newtons.
+_NO_BOUND = 1e31  # the solver treats 1e30 and more as infinite
+# Tolerance of a solution, in m, m/s and N.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class TrackingSolution:
-    """The solution of a `TrackingQP`.
+    """Solution of a `TrackingQP`.
 
     Attributes:
         states: Nominal errors z_0 .. z_N, shape (N+1, 2).
@@ -36,10 +36,10 @@ class AxisLimits:
     """Admissible nominal errors z and forces v of one axis.
 
     Attributes:
-        lower: Least position error [m] and velocity error [m/s], shape (2,).
-        upper: Largest ones, shape (2,).
-        least_force: Least nominal force v [N].
-        largest_force: Largest one [N].
+        lower: Lower limits of position error [m] and velocity error [m/s], shape (2,).
+        upper: Upper limits of them, shape (2,).
+        least_force: Lower limit of the nominal force v [N].
+        largest_force: Upper limit of the nominal force v [N].
     """
 
     lower: FloatArray
@@ -52,7 +52,7 @@ class AxisLimits:
 
         Args:
             solution: The solution.
-            jump: Largest change of a limit of position for that [m]; where it takes more, the limits stay as they are.
+            jump: Largest change of a position limit [m]; if a larger change is needed, the limits are not changed.
         """
         states, forces = solution.states[2:], solution.forces[1:]
         if not len(states):
@@ -66,11 +66,11 @@ class AxisLimits:
 
 
 class TrackingQP:
-    """Limon's programme in error coordinates, condensed to (z_0, v_0 .. v_{N-1}, p_s).
+    """Limon's programme in error coordinates, condensed to the variables (z_0, v_0 .. v_{N-1}, p_s).
 
     ``min sum_{k<N} |z_k - z_s|_Q^2 + |v_k|_R^2 + S p_s^2``, subject to ``z_{k+1} = A z_k + B v_k``, ``z_N = z_s``,
     ``z_0 = x``, ``z_s = (p_s, 0)``, and z_k (k >= 1) and v_k within their limits. The artificial steady state z_s
-    keeps the programme feasible where the reference is out of reach.
+    makes the programme feasible even if the reference cannot be reached within the horizon.
 
     Source:
         Limon, Alvarado, Alamo and Camacho, "MPC for tracking piecewise constant references for constrained linear
@@ -87,10 +87,10 @@ class TrackingQP:
         """Set up the constant matrices.
 
         Args:
-            a: A, shape (2, 2).
-            b: B, shape (2,).
-            horizon: N.
-            weights: Q, R and S.
+            a: State matrix A, shape (2, 2).
+            b: Input vector B, shape (2,).
+            horizon: Number of steps N.
+            weights: Weights Q, R and S of the cost.
         """
         weights = weights or TrackingWeights()
         self.horizon = horizon
@@ -116,7 +116,7 @@ class TrackingQP:
         self._solved: Any = None
 
     def bounds(self, state: FloatArray, limits: AxisLimits) -> tuple[FloatArray, ...]:
-        """Return (right-hand side of the equalities; bounds of the inequalities; bounds of the variables)."""
+        """Return the right-hand side of the equalities, then lower and upper bounds of inequalities and variables."""
         lower, upper = np.tile(limits.lower, self.horizon), np.tile(limits.upper, self.horizon)
         right = np.concatenate((np.zeros(2), state))
         least = np.full(self.horizon + 3, -_NO_BOUND)
@@ -125,10 +125,10 @@ class TrackingQP:
         return right, lower, upper, least, largest
 
     def solve(self, state: FloatArray, limits: AxisLimits) -> TrackingSolution | None:
-        """Return the solution, or None where there is none (or the solver found none).
+        """Return the solution, or None if there is none or the solver found none.
 
         Args:
-            state: ``x``: error in position [m] and velocity [m/s], shape (2,).
+            state: Error ``x`` in position [m] and velocity [m/s], shape (2,).
             limits: The tightened limits.
         """
         right, lower, upper, least, largest = self.bounds(state, limits)

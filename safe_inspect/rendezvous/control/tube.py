@@ -1,13 +1,13 @@
-"""The tube: how far the chaser may be from the nominal trajectory, for all disturbances within their bounds.
+"""The tube: the largest distance of the chaser from the nominal trajectory for all disturbances within their bounds.
 
-The nominal error z and the control ``u = u_r + v + K (x_hat - r_hat - z)`` are those of `mpc`. What is left,
-``e = (x - r) - z`` about the true reference r, obeys ``e+ = A_K e - B K delta + B delta_F + w``: delta, the estimated
-reference's error, and delta_F, that of its force, act as bounded disturbances, whatever the times of updates. The tube
-bounds the distance to the true reference, so that clearance needs the tube alone.
+The nominal error z and the control ``u = u_r + v + K (x_hat - r_hat - z)`` are those of `mpc`. The remaining error
+``e = (x - r) - z`` about the true reference r obeys ``e+ = A_K e - B K delta + B delta_F + w``: the error delta of the
+estimated reference and the error delta_F of its force act as bounded disturbances, no matter when updates occur. The
+tube bounds the distance to the true reference, so that the clearance depends on the tube alone.
 
 Source:
     Albee et al., "A robust observation, planning, and control pipeline for autonomous rendezvous with tumbling
-    targets", Frontiers in Robotics and AI 8, 2021, for tubes about a reference that is estimated on the way.
+    targets", Frontiers in Robotics and AI 8, 2021, for tubes about a reference that is estimated during the approach.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from safe_inspect.compiling import njit
 from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.types import FloatArray
 
-# Hold after the last bound, in time constants of the slowest mode: what is left of an error then is 1e-9 of it.
+# Time after the last bound, in time constants of the slowest mode, after which 1e-9 of an error remains.
 _HOLD_CONSTANTS = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class AxisBound:
-    """What may disturb one axis, at each of K steps. The same bounds hold for the three axes of W.
+    """Bounds of the disturbances of one axis at each of K steps; they hold for all three axes of W.
 
     Attributes:
-        position: Bound of the reference's error in position [m], shape (K,).
-        velocity: Bound of its error in velocity [m/s], shape (K,).
+        position: Bound of the reference's position error [m], shape (K,).
+        velocity: Bound of its velocity error [m/s], shape (K,).
         force: Bound of the error of its feed-forward force [N], shape (K,).
-        process: Change of the position [m] and the velocity [m/s] by other causes in a step, shape (2,).
+        process: Change of position [m] and velocity [m/s] per step due to other causes, shape (2,).
     """
 
     position: FloatArray
@@ -41,24 +41,24 @@ class AxisBound:
     process: FloatArray
 
     def feedback(self, gain: FloatArray) -> FloatArray:
-        """Return ``|K| b``, the largest feedback force of the reference's error [N], shape (K,).
+        """Return ``|K| b``, the largest feedback force that the reference's error causes [N], shape (K,).
 
         Args:
-            gain: K, shape (2,), or of each step, shape (K, 2).
+            gain: Gain K, shape (2,), or one for each step, shape (K, 2).
         """
         return np.asarray(np.abs(gain[..., 0]) * self.position + np.abs(gain[..., 1]) * self.velocity)
 
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """Half widths along each axis of W, at each of K steps and, by the last, at all later ones.
+    """Half widths along each axis of W at each of K steps; the last also holds at all later steps.
 
     Attributes:
-        gain: K = (N/m, N s/m), shape (2,), or of each step, shape (K, 2).
-        position: About the reference that is followed plus z [m], shape (K,): what state limits are tightened by.
-        velocity: Likewise [m/s], shape (K,).
-        clearance: About the true reference plus z [m], shape (K,): what distances to the target lose.
-        force: Feedback that may be needed [N], shape (K,): ``h_Z(K) + |K| b``.
+        gain: Gain K = (N/m, N s/m), shape (2,), or one for each step, shape (K, 2).
+        position: Half width about the followed reference plus z [m], shape (K,); it tightens the position limits.
+        velocity: Likewise for velocity [m/s], shape (K,).
+        clearance: Half width about the true reference plus z [m], shape (K,); it reduces distances to the target.
+        force: Largest feedback force ``h_Z(K) + |K| b`` [N], shape (K,).
     """
 
     gain: FloatArray
@@ -73,19 +73,19 @@ class Tube:
 
 
 def no_tube(steps: int) -> Tube:
-    """Return the tube of width zero without feedback, for control that ignores disturbances."""
+    """Return a tube of zero width without feedback, for control that ignores disturbances."""
     return Tube(np.zeros(2), *np.zeros((4, steps)))
 
 
 def truth_tube(axis: Axis, gain: FloatArray, bound: AxisBound) -> Tube:
-    """Return the tube that follows the bounds: Z_0 = +-b(t_0), Z_{k+1} = A_K Z_k + W_k.
+    """Return the tube that follows from the bounds: Z_0 = +-b(t_0), Z_{k+1} = A_K Z_k + W_k.
 
-    After the last step bounds and gain stay as they are there, and the last width is the largest of all later ones.
+    After the last step, bounds and gain are constant, and the last width is the largest of all later ones.
 
     Args:
         axis: The axis.
-        gain: K, shape (2,), or of each step, shape (K, 2).
-        bound: What disturbs the axis.
+        gain: Gain K, shape (2,), or one for each step, shape (K, 2).
+        bound: Disturbance of the axis.
     """
     gain = np.asarray(gain, dtype=float)
     gains = np.array(np.broadcast_to(gain, (len(bound.position), 2)))
@@ -105,16 +105,16 @@ def _truth_widths(
 ) -> FloatArray:
     """Return the half widths of ``Z_{k+1} = A_k Z_k + W_k`` in position, velocity and feedback, shape (3, K).
 
-    W_k is the zonotope of the generator `pushed` and the box `process`. The last width is the largest of `held` steps
-    with the last A and W.
+    W_k is the zonotope of the generator `pushed` and the box `process`. The last width is the largest over `held` more
+    steps with the last A and W.
 
     Args:
-        closed_loop: A_k, shape (K, 2, 2).
-        gains: Directions of feedback, shape (K, 2).
+        closed_loop: Matrices A_k, shape (K, 2, 2).
+        gains: Gains, the directions of feedback, shape (K, 2).
         first: Half sizes of the box Z_0, shape (2,).
-        pushed: A generator of W_k, shape (K, 2).
-        process: Half sizes of the box that W_k has too, shape (2,).
-        held: Number of steps.
+        pushed: Generator of W_k, shape (K, 2).
+        process: Half sizes of the box in W_k, shape (2,).
+        held: Number of steps after the last.
     """
     steps = len(gains)
     x, y = np.zeros(2 + 3 * (steps - 1)), np.zeros(2 + 3 * (steps - 1))

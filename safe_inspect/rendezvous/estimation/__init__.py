@@ -1,1 +1,1 @@
-"""The estimation pipeline of a mission: sensors, front end, back end and characterisation in the loop."""
+"""Estimation pipeline of a mission: sensors, front end, back end and characterisation in the loop."""

@@ -1,4 +1,4 @@
-"""Jumps of an inertial unit's biases, suspected where it disagrees with what the actuators are expected to give."""
+"""Detection of jumps of an inertial unit's biases by comparison with the expected effect of the actuators."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from safe_inspect.types import FloatArray
 
 #: Innovation beyond which a jump is suspected, in standard deviations of one axis.
 _GATE = 6.0
-#: Variance of a motion of which nothing is known.
+#: Variance of an unknown motion.
 _UNKNOWN = 1.0
 
 
 class _Channel:
-    """A Kalman filter of a motion and of the jump of its bias since the last frame; the axes have one covariance.
+    """Kalman filter of a motion and of the jump of its bias since the last frame; the axes share one covariance.
 
     Args:
-        opened: Standard deviation that the jump gets where one is suspected.
+        opened: Standard deviation that is assigned to the jump when one is suspected.
     """
 
     def __init__(self, opened: float) -> None:
@@ -36,17 +36,17 @@ class _Channel:
 
     @property
     def variance(self) -> float:
-        """Its variance; 0 where none is suspected."""
+        """Variance of the jump; 0 if none is suspected."""
         return float(self._covariance[1, 1])
 
     def predict(self, kept: float, change: FloatArray, sigma: float) -> None:
-        """Multiply the motion by a factor, and add a change with its standard deviation."""
+        """Multiply the motion by the factor `kept` and add a change with its standard deviation."""
         transition = np.diag([kept, 1.0])
         self._state = transition @ self._state + np.outer([1.0, 0.0], change)
         self._covariance = transition @ self._covariance @ transition + np.diag([sigma**2, 0.0])
 
     def measure(self, value: FloatArray, sigma: float) -> None:
-        """Take a measurement of the motion with the jump."""
+        """Update the filter with a measurement of the motion plus the jump."""
         innovation = value - self._state.sum(axis=0)
         if innovation @ innovation > _GATE**2 * (self._covariance.sum() + sigma**2):
             self._covariance[1, 1] += self._opened**2
@@ -61,18 +61,18 @@ class _Channel:
         self._covariance = np.diag([self._covariance.sum(), 0.0])
 
     def interrupt(self) -> None:
-        """Forget the motion; the jump stays."""
+        """Discard the motion; the jump is not changed."""
         self._covariance = np.diag([_UNKNOWN, self.variance])
 
 
 class BiasJumps:
-    """Compares samples with the expected motion, and reports a jump of the biases until the next frame.
+    """Detector of bias jumps that compares samples with the expected motion between two frames.
 
     The mean specific force of a step is ``f / m + b_a``, and the angular velocity changes from the mean time of a
     step's samples to that of the next by the expected angular acceleration. An innovation beyond `_GATE` opens the
-    bias: from then on its jump is estimated from the samples with a covariance, which depth frames alone could do only
-    seconds later. The factor graph takes jump and covariance at the next frame and estimates the bias further, so that
-    nothing is corrected for longer than that.
+    bias: from then on its jump and a covariance are estimated from the samples, which depth frames alone would allow
+    only seconds later. At the next frame the factor graph takes over jump and covariance and continues to estimate the
+    bias, so that no correction lasts longer than that.
 
     Args:
         noise: Errors of the unit.
@@ -81,27 +81,27 @@ class BiasJumps:
     def __init__(self, noise: ImuNoise) -> None:
         self._noise = noise
         self._acceleration, self._rate = (_Channel(opened) for opened in BIAS_JUMP)
-        #: Angular acceleration that is expected from the last samples to the end of their step, its sigma, that time.
+        #: Angular acceleration expected from the last samples to the end of their step, its sigma, and that duration.
         self._rest: tuple[FloatArray, float, float] = (np.zeros(3), 0.0, 0.0)
 
     def interrupt(self) -> None:
-        """Note that a step has had no sample."""
+        """Record that a step had no sample."""
         self._rate.interrupt()
 
     def settle(self) -> None:
-        """Note that the graph has taken the jump as part of the bias."""
+        """Record that the graph now counts the jump as part of the bias."""
         self._acceleration.settle()
         self._rate.settle()
 
     def check(
         self, samples: Sequence[InertialSample], expected: ExpectedMotion, bias: FloatArray, duration: float
     ) -> BiasJump | None:
-        """Return the jump since the last frame; None where none is suspected, or the step has no sample.
+        """Return the jump since the last frame; None if none is suspected or the step has no sample.
 
         Args:
             samples: The samples of a step.
-            expected: What the actuators are expected to give in the step.
-            bias: Of the accelerometers, as it is estimated [m/s^2], shape (3,).
+            expected: Motion that the actuators are expected to cause in the step.
+            bias: Estimated bias of the accelerometers [m/s^2], shape (3,).
             duration: Duration of the step [s].
         """
         if not samples:

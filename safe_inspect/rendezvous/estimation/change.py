@@ -1,4 +1,4 @@
-"""Whether the newest attitudes are those of the known motion."""
+"""Check whether the newest attitudes agree with the known motion."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from safe_inspect.rendezvous.characterise.history import TargetEstimate
 from safe_inspect.rendezvous.characterise.ratios import logits_of
 from safe_inspect.types import FloatArray
 
-#: How many of the newest frames must all be off, by how many standard deviations each: a few views in which the front
-#: end errs are over by then.
+#: Number of the newest frames that must all be off, and by how many standard deviations each: a short series of views
+#: in which the front end is wrong does not last that long.
 OFF_FRAMES, _OFF_SIGMAS = 3, 3.0
-#: Departure of rate or attitude that counts, in standard deviations, and what is below the front end's errors of a
-#: view [rad/s, rad].
+#: Smallest deviation of rate or attitude that counts, in standard deviations, and absolute thresholds that cover the
+#: front end's errors of a view [rad/s, rad].
 _SIGMAS, _LEAST_RATE, _LEAST_ANGLE = 5.0, 0.009, 0.08
 
 
@@ -30,18 +30,20 @@ def covariance_at(known: TargetEstimate, time: float) -> FloatArray:
 
 
 def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, sigma: float) -> bool:
-    """Return whether measured attitudes are not those of a motion.
+    """Return whether measured attitudes deviate from a motion.
 
-    A line ``e(t) = a + b (t - t_mean)`` through the errors ``e = Log(q_predicted^-1 q_measured)``: a is an error of
-    attitude, b one of the rate. Each is compared with the covariance of the motion and the errors of the frames, which
-    may be alike for all frames (a), or add up from the first to the last (b). The newest frames must all be off.
+    A line ``e(t) = a + b (t - t_mean)`` is fitted to the errors ``e = Log(q_predicted^-1 q_measured)``: a is an error
+    of the attitude, b one of the rate. Each is compared with the covariance of the motion and the errors of the frames,
+    which may be the same for all frames (a) or accumulate from the first to the last (b). The newest frames must all be
+    off.
 
     Args:
         known: The motion.
         times: Times of the newest frames [s], ascending, shape (n,).
         orientation: Measured q_WT of the frames, shape (n, 4).
-        sigma: Standard deviation of their errors about each axis as it is stated [rad]; it counts by the misfit of all
-            edges or of the newest, whichever is larger. Near the target what the model leaves out turns a few views.
+        sigma: Stated standard deviation of their errors about each axis [rad]. It is multiplied by the misfit of all
+            edges or of the newest, whichever is larger, because close to the target details that the model lacks
+            rotate a few views.
     """
     sigma = sigma * max(known.misfit, known.recent_misfit, 1.0)
     if len(times) < OFF_FRAMES:

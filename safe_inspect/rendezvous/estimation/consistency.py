@@ -1,4 +1,4 @@
-"""Whether an estimate's errors are those that it states."""
+"""Check whether the errors of an estimate agree with those that it states."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from safe_inspect.types import FloatArray
 
 
 def attitude_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> FloatArray:
-    """Return the error of the target's attitude as the chaser sees it, R_BT, a tangent in T [rad], shape (3,).
+    """Return the error of the target's attitude relative to the chaser, R_BT, as a tangent in T [rad], shape (3,).
 
-    A turn of the estimated frame W, which no measurement shows, does not count: it moves chaser and target alike.
+    A rotation of the estimated frame W cannot be measured and does not count: it moves chaser and target equally.
 
     Args:
         estimate: The estimate.
@@ -32,10 +32,10 @@ def relative_error(estimated: tuple[FloatArray, FloatArray], true: tuple[FloatAr
 
 
 def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
-    """Return the squared error of attitude and angular velocity over their covariance (NEES); NaN without one.
+    """Return the normalised squared error of attitude and angular velocity (NEES); NaN without a covariance.
 
-    It is 6 on average where the covariance is right; nothing is aligned to the truth. The error is that of the
-    estimate's tangent: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
+    It is 6 on average if the covariance is right; nothing is aligned to the truth. The error is the tangent of the
+    estimate: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
     """
     if not isinstance(estimate.errors, JointErrors):
         return float("nan")

@@ -1,4 +1,4 @@
-"""What an estimator is made with."""
+"""Context that an estimator is created with."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class EstimatorContext:
-    """What is known of chaser, target and sensors before a mission.
+    """Properties of chaser, target and sensors that are known before a mission.
 
     Attributes:
         target: The target.
         chaser: The chaser: its mass, inertia, and documented errors of its actuators.
-        step: The step of control, at which an estimator is called [s].
+        step: Control period, at which an estimator is called [s].
         camera: Geometry of the depth camera.
         T_BC: Pose of the camera in B, shape (4, 4).
         frame_period: Time between two frames [s].
         imu: Errors of the inertial unit.
         imu_period: Time between two of its samples [s].
-        streams: Random streams of the estimator's own.
+        streams: Random streams that only the estimator uses.
     """
 
     target: Target
@@ -51,9 +51,9 @@ def estimator_context(
         target: The target.
         chaser: The chaser.
         mission: Rates of the mission.
-        sensors: What the chaser measures.
-        streams: The random streams of the mission. What an estimator draws is independent of what the mission draws,
-            and does not show it.
+        sensors: The sensors of the chaser.
+        streams: Random streams of the mission. The samples of the estimator are independent of those of the mission
+            and reveal nothing about them.
     """
     own = Streams(int(streams.bits("estimator")[0, 0]), np.zeros(1, np.int64), np.zeros(1, np.int64))
     return EstimatorContext(

@@ -1,4 +1,4 @@
-"""How far a measurement is from what is expected."""
+"""Innovation: the distance of a measurement from its expected value."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from safe_inspect.types import FloatArray
 
 
 def centre_innovation(graph: GraphEstimate, expected: FloatArray, edge: Edge) -> float:
-    """Return how far the centre of mass in B is from where the inertial unit says, in standard deviations of one axis.
+    """Return the distance of the measured centre of mass in B from its expected position, in standard deviations.
 
-    It is 0 where that cannot be determined: of an edge to a frame before the last, or to one that no edge has reached.
+    The standard deviation is that of one axis. The result is 0 if the distance cannot be determined: for an edge from a
+    frame before the last one, or from a frame whose relative pose is not known.
 
     Args:
-        graph: What the back end knew at the last frame.
-        expected: T_WB of this frame by the inertial unit, shape (4, 4).
+        graph: Estimate of the back end at the last frame.
+        expected: T_WB of this frame from the inertial unit, shape (4, 4).
         edge: An edge to this frame.
     """
     arm = 0.0

@@ -1,4 +1,4 @@
-"""An estimator that passes on the states that a simulated sensor has measured."""
+"""Estimator that returns the states that a simulated sensor measures."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_e
 from safe_inspect.rendezvous.estimation.context import EstimatorContext
 from safe_inspect.rendezvous.readings import Readings
 
-#: Number of the steps of control that the motion is predicted for at a time.
+#: Number of control steps for which the motion is predicted at once.
 _PREDICTED = 5
 
 
 class MeasuredStateRun:
-    """The estimator of one mission; between two measurements of the target it predicts a free body.
+    """Estimator of one mission; between two measurements it predicts the target as a free body.
 
     Args:
-        context: What it is made with.
+        context: Context of the estimator.
     """
 
     def __init__(self, context: EstimatorContext) -> None:
         self._inertia, self._step = context.target.principal, context.step
         self._last: StateEstimate | None = None
-        # The prediction from the last measurement, of some calls, and the number of the first of them.
+        # Prediction from the last measurement for a few calls, and the number of the first of these calls.
         self._first = -1
         self._predicted = (np.empty((0, 4)), np.empty((0, 3)))
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
         time, state = readings.time, readings.state
-        assert state is not None, "`MeasuredState.reads` asks for it"
+        assert state is not None, "`MeasuredState.reads` requires the state"
         if state.target is not None:
             self._last = StateEstimate(
                 time, time, state.chaser, state.target, self._inertia, state.errors, state.correlation

@@ -1,4 +1,4 @@
-"""The estimation of one mission, from frames and inertial samples to what the mission knows."""
+"""Estimation of one mission from frames and inertial samples."""
 
 from __future__ import annotations
 
@@ -24,35 +24,36 @@ from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-#: Least time between two fits of the motion [s].
+#: Minimum time between two fits of the motion [s].
 _FIT_PERIOD = 5.0
-#: Number of the newest frames that are compared with the known motion, and the misfit of the newest edges that shows a
-#: change as well, in standard deviations.
+#: Number of the newest frames that are compared with the known motion, and the misfit of the newest edges, in standard
+#: deviations, that indicates a change as well.
 _CHANGED_FRAMES, _CHANGED_MISFIT = 5, 3.0
-#: Errors of a motion that is known from a few frames only [rad, rad/s], and their span [s].
+#: Standard deviations of a motion that is found from a few frames only [rad, rad/s], and the time span of these
+#: frames [s].
 _QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
-#: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations, how many in a row are
-#: before it is the accelerometers' bias that has jumped, and for how many frames it may go on.
+#: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations; how many frames in a
+#: row may be refused before a jump of the accelerometers' bias is assumed; for how many frames the jump may last.
 _JUMP, _MOST_REFUSED, _JUMP_FRAMES = 5.0, 1, 3
 #: Number of the newest frames that are compared with the estimate.
 _COMPARED = 5
-#: Time of frames that a motion is found from, and whose history stays [s].
+#: Minimum duration of frames from which a motion is found, and maximum duration of the history [s].
 _LEAST_TIME, _LONGEST = 15.0, 240.0
-#: Misfit beyond which a motion is looked for anew, in standard deviations.
+#: Misfit beyond which the motion is searched again, in standard deviations.
 _DOUBTFUL = 1.8
-#: Extent of the centre's prior as a share of the radius that the target sweeps.
+#: Standard deviation of the centre's prior as a fraction of the radius that the target sweeps.
 _CENTRE_SHARE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
 class PipelineParts:
-    """What a pipeline is made of.
+    """Components of a pipeline.
 
     Attributes:
         front_end: The front end of the mission.
-        back_end: Makes the back end, from the chaser's start and the prior of the centre.
+        back_end: Function that returns the back end, given the chaser's start and the prior of the centre.
         characterise: Finds the motion.
-        target: The target where it is known.
+        target: The target, None if it is not known.
         T_BC: Pose of the camera in B, shape (4, 4).
         imu: Errors of the inertial unit.
     """
@@ -66,7 +67,7 @@ class PipelineParts:
 
 
 def _is_consistent(found: TargetEstimate | None) -> bool:
-    """Return whether one motion agrees with all edges and with the newest."""
+    """Return whether a motion was found that agrees with all edges and with the newest ones."""
     return found is not None and max(found.misfit, found.recent_misfit) < _DOUBTFUL
 
 
@@ -74,8 +75,8 @@ class EstimationPipeline:
     """Front end, back end and characterisation of one mission or recording.
 
     Args:
-        parts: What it is made of.
-        start: The chaser at time zero.
+        parts: Components of the pipeline.
+        start: State of the chaser at time zero.
     """
 
     def __init__(self, parts: PipelineParts, start: ChaserStart) -> None:
@@ -88,7 +89,7 @@ class EstimationPipeline:
         self._fitted_at = -np.inf
         self._jumps = self._refused = 0
         self._has_coasted = False
-        #: None once the frames have disagreed with the commands, by a thruster that fails for instance.
+        #: None after the frames have disagreed with the commands, for instance because a thruster failed.
         self._bias_jumps: BiasJumps | None = BiasJumps(parts.imu)
         self._mismatches: deque[float] = deque([np.inf] * _COMPARED, _COMPARED)
         self.graph: GraphEstimate | None = None
@@ -97,7 +98,7 @@ class EstimationPipeline:
         self.changed = False
 
     def check_biases(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
-        """Compare a step's samples with the expected motion, before they are taken; see `BiasJumps.check`."""
+        """Compare the samples of a step with the expected motion, before they are used; see `BiasJumps.check`."""
         if self._bias_jumps is None or self._back_end is None or self.graph is None:
             return
         jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
@@ -105,15 +106,15 @@ class EstimationPipeline:
             self._back_end.imu.correct(jump)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
-        """Take a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
+        """Add a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
 
-        Samples before the first frame are not used: the chaser's start holds at that frame.
+        Samples before the first frame are not used because the chaser's start is its state at that frame.
         """
         if self._back_end is not None:
             self._back_end.imu.add(acceleration, rate, period)
 
     def coast(self, period: float, commanded: FloatArray | None = None) -> None:
-        """Take a period [s] without a sample as flown as commanded, without a command as free flight.
+        """Assume that the commanded motion was flown in a period [s] without a sample; without a command, free flight.
 
         See `ImuBuffer.coast`.
         """
@@ -124,7 +125,7 @@ class EstimationPipeline:
             self._back_end.imu.coast(period, np.zeros(6) if commanded is None else commanded)
 
     def see(self, frame: DepthFrame) -> None:
-        """Take a frame at the time of the last sample."""
+        """Add a frame at the time of the last sample."""
         number, self._count = self._count, self._count + 1
         if self._back_end is None:
             self._back_end = self._parts.back_end(self._start, self._centre_prior(frame))
@@ -152,7 +153,7 @@ class EstimationPipeline:
 
     @property
     def mismatch(self) -> float:
-        """See `StateEstimate`."""
+        """Largest distance in T between single frames and the estimate; see `StateEstimate`."""
         return max(self._mismatches)
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -162,7 +163,7 @@ class EstimationPipeline:
         return self._back_end.now()
 
     def history(self) -> History:
-        """Return the frames since the motion was seen to change, or the newest of them."""
+        """Return the history of the frames since the last detected change of motion, at most `_LONGEST` seconds."""
         assert self._back_end is not None, "a history needs a frame"
         frames = list(self._back_end.frames)
         poses = self._back_end.chaser_poses()
@@ -196,7 +197,7 @@ class EstimationPipeline:
             found = parts.characterise(history, parts.target, None, model)
         if found is None or _is_consistent(found):
             self.target, self.changed = found or known, self.changed and found is None
-        elif self.changed:  # frames from before the change, or a further one: what is older is left out
+        elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
             self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)
         elif known is not None and found.recent_misfit > _CHANGED_MISFIT:
             self._forget_before(time - _QUICK_SPAN, time)
@@ -204,7 +205,7 @@ class EstimationPipeline:
             self.target = found
 
     def _check_motion(self, time: float, edges: list[Edge]) -> None:
-        """See whether the newest attitudes are those of the known motion; if not, forget what was before them."""
+        """Check whether the newest attitudes agree with the known motion; if not, discard the frames before them."""
         known = self.target
         if known is None or not edges:
             return
@@ -214,7 +215,7 @@ class EstimationPipeline:
         times, orientation = self._newest_attitudes(known)
         sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
         if departs(known, times, orientation, float(sigma)):
-            # The frames that are off are after the change; those before them may not be.
+            # The frames that are off were taken after the change; those before them possibly were not.
             self._forget_before(float(times[-OFF_FRAMES]), time)
 
     def _newest_attitudes(self, known: TargetEstimate) -> tuple[FloatArray, FloatArray]:
@@ -229,12 +230,12 @@ class EstimationPipeline:
         return times, multiply(np.reshape(q_WG, (-1, 4)), known.q_GT)
 
     def _forget_before(self, since: float, time: float) -> None:
-        """Take the motion as changed at a time [s], now: it is found anew from what is seen since then."""
+        """Mark the motion as changed and find it again from the frames after the time `since` [s]."""
         self.changed, self._since = True, since
         self._follow_newest(time)
 
     def _follow_newest(self, time: float) -> None:
-        """Take the motion of the newest frames: the axes in the body are known, and do not change."""
+        """Use the motion of the newest frames; the axes in the body are known and do not change."""
         known, history = self.target, self.history()
         times, q_WG = history.in_inertial  # noqa: N806
         if known is None or len(times) < 2:
@@ -252,15 +253,16 @@ class EstimationPipeline:
         )
 
     def _trusted(self, expected: FloatArray, edges: list[Edge]) -> list[Edge]:
-        """Return the edges that may be used, and note a jump of the bias.
+        """Return the edges that may be used, and record a jump of the bias.
 
-        A single frame may be wrong, and the inertial unit is right; an innovation that stays is a jump of its bias.
+        If a single frame disagrees with the inertial unit, the frame is assumed to be wrong. If the innovation
+        persists, the bias of the unit has jumped.
         """
         if self.graph is None or not edges or self._has_coasted:
             self._jumps = max(self._jumps - 1, 0)
             return edges
         innovations = [centre_innovation(self.graph, expected, edge) for edge in edges]
-        if self._jumps > 1 or max(innovations) <= _JUMP:  # after a jump velocity and bias are found anew
+        if self._jumps > 1 or max(innovations) <= _JUMP:  # after a jump, velocity and bias are being estimated again
             self._refused, self._jumps = 0, max(self._jumps - 1, 0)
             return edges
         self._refused, self._jumps = self._refused + 1, 0
@@ -271,10 +273,11 @@ class EstimationPipeline:
         return edges
 
     def _mismatch(self, time: float, edges: list[Edge]) -> float:
-        """Return how far in T the chaser may be estimated from where a frame alone shows it [m].
+        """Return a bound of the distance in T between the estimated chaser and where a frame alone shows it [m].
 
-        It is the distance and the largest standard deviation of the frame's position, along a face for instance, where
-        a registration repeats what was expected. It is infinite where the frame shows nothing.
+        It is the distance plus the largest standard deviation of the frame's position. That deviation is large, for
+        instance, along a face, where a registration only reproduces the expected position. It is infinite if the frame
+        shows nothing.
         """
         known, graph = self.target, self.graph
         if known is None or graph is None or self._back_end is None:
@@ -292,7 +295,7 @@ class EstimationPipeline:
         return max(distances, default=np.inf)
 
     def _predicted(self, time: float) -> FloatArray | None:
-        """Return T_GB now as it is predicted."""
+        """Return the predicted T_GB at a time [s], shape (4, 4); None before the motion is known."""
         graph, target = self.graph, self.target
         if graph is None or target is None or self._back_end is None:
             return None
@@ -305,7 +308,7 @@ class EstimationPipeline:
         return relative
 
     def _centre_prior(self, frame: DepthFrame) -> CentrePrior:
-        """Return where the centre of mass may be: about the middle of what is seen, or in front of the camera."""
+        """Return the prior of the centre of mass: about the mean of the seen points, or in front of the camera."""
         pose, T_BC = self._start.pose, self._parts.T_BC  # noqa: N806
         target = self._parts.target
         radius = 1.0 if target is None else target.swept_radius

@@ -1,4 +1,4 @@
-"""The motion that the actuators are expected to give."""
+"""Motion that the actuators are expected to cause."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.types import FloatArray
 
-#: Share of a force or torque that is uncertain whatever the actuators are, since the chaser turns within a step, and
-#: the least standard deviation of the angular acceleration [rad/s^2].
+#: Fraction of a force or torque that is uncertain for any actuators, because the chaser turns within a step, and the
+#: smallest standard deviation of the angular acceleration [rad/s^2].
 _SHARE, _LEAST = 0.02, 1e-4
-#: Largest distance of an exponential response from its chord, as a share of its change, over the time of the step.
+#: Largest distance of an exponential response from its chord within a step, as a fraction of its change.
 _CURVATURE = 0.125
 
 
 class ExpectedMotion(NamedTuple):
-    """What the actuators are expected to give in a step of control.
+    """Motion that the actuators are expected to cause in a control step.
 
     Attributes:
-        mean: Acceleration and angular acceleration in B, mean over the step [m/s^2, rad/s^2], shape (6,).
-        sigma: Standard deviations of one axis of both [m/s^2, rad/s^2], shape (2,).
+        mean: Mean acceleration and angular acceleration over the step, in B [m/s^2, rad/s^2], shape (6,).
+        sigma: Standard deviations of one axis of each [m/s^2, rad/s^2], shape (2,).
     """
 
     mean: FloatArray
@@ -31,25 +31,25 @@ class ExpectedMotion(NamedTuple):
 
 
 class ActuatorResponse:
-    """Predicts a step's motion from commands and the documented errors of the actuators.
+    """Predictor of the motion of a step from commands and the documented errors of the actuators.
 
     Args:
-        config: The chaser; of its actuators the lag shapes the prediction, scale error and noise are its uncertainty.
-        step: The step of control [s].
+        config: The chaser. The lag of its actuators shapes the prediction; scale error and noise give its uncertainty.
+        step: The control period [s].
     """
 
     def __init__(self, config: ChaserConfig, step: float) -> None:
         self._config, self._wrench = config, np.zeros(6)
         lag = config.actuator.lag
-        #: Shares of the difference to the command that are left at the end of a step, and in its mean.
+        #: Fractions of the difference to the command that remain at the end of a step, and in its mean.
         self._left = float(np.exp(-step / lag)) if lag > 0.0 else 0.0
         self._mean = lag / step * (1.0 - self._left)
 
     def step(self, angular_velocity: FloatArray, command: Command) -> ExpectedMotion:
-        """Return the motion that a command gives, which is held for a step.
+        """Return the motion caused by a command that is constant over a step.
 
         Args:
-            angular_velocity: Of the chaser before the step, as it is estimated, in B [rad/s], shape (3,).
+            angular_velocity: Estimated angular velocity of the chaser before the step, in B [rad/s], shape (3,).
             command: The command.
         """
         config, own = self._config, self._config.actuator

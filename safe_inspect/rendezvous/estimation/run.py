@@ -1,4 +1,4 @@
-"""The estimator of a mission from depth frames and inertial samples."""
+"""Estimator of a mission from depth frames and inertial samples."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from safe_inspect.rendezvous.sensors.imu import InertialSample
 from safe_inspect.rendezvous.sensors.tof import no_frame
 from safe_inspect.types import FloatArray
 
-#: A motion is first believed when its attitude's standard deviation is below this [rad]. A covariance describes
-#: rotations near the estimate only: fits of a few seconds with harsh noise can have the target turn the other way.
+#: A motion is first accepted when the standard deviation of its attitude is below this [rad]. A covariance describes
+#: only rotations close to the estimate: fits of a few seconds with strong noise can have the target turn the other way.
 _FIRST_ATTITUDE = np.deg2rad(20.0)
 
 
 class PipelineEstimatorRun:
-    """What the pipeline makes of the readings of one mission.
+    """Estimator of one mission that runs the pipeline on its readings.
 
     Args:
-        context: What the estimator is made with.
-        parts: The pipeline's parts.
-        correlation: Correlation of the errors of two updates that follow each other.
+        context: Context of the estimator.
+        parts: Components of the pipeline.
+        correlation: Correlation of the errors of two consecutive updates.
     """
 
     def __init__(self, context: EstimatorContext, parts: PipelineParts, correlation: float) -> None:
@@ -43,7 +43,7 @@ class PipelineEstimatorRun:
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
         if self.pipeline is None:
-            assert readings.start is not None, "the first readings have the chaser's state"
+            assert readings.start is not None, "the first readings contain the chaser's state"
             at_start = pose(to_matrix(readings.start.orientation), readings.start.position)
             self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, readings.start.velocity))
         if readings.command is not None:
@@ -51,7 +51,7 @@ class PipelineEstimatorRun:
         if readings.frame is not None:
             self.pipeline.see(readings.frame)
         elif readings.start is not None:
-            self.pipeline.see(no_frame(readings.time))  # the chaser's motion is followed from here on
+            self.pipeline.see(no_frame(readings.time))  # the chaser's motion is integrated from here on
         is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
         if is_due:
             self._renewed = readings.time
@@ -62,7 +62,7 @@ class PipelineEstimatorRun:
     def _move(
         self, pipeline: EstimationPipeline, expected: ExpectedMotion, samples: tuple[InertialSample, ...]
     ) -> None:
-        """Follow a step of control by the inertial unit, or by the command where the unit is silent."""
+        """Propagate a control step by the inertial unit, or by the command if the unit gives no samples."""
         if not samples:
             pipeline.coast(self._context.step, expected.mean)
             return
@@ -102,7 +102,7 @@ class PipelineEstimatorRun:
 
 
 def _errors(found: TargetEstimate, graph: GraphEstimate, time: float) -> EstimateErrors:
-    """Return the errors at a time: their covariance, and of each kind the largest standard deviation of a direction."""
+    """Return the errors at a time: the joint covariance, and the largest standard deviation of each quantity."""
     covariance = covariance_at(found, time)
     rotation = graph.chaser[:3, :3]
     centre = rotation @ graph.centre_covariance @ rotation.T

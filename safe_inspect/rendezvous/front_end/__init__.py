@@ -1,1 +1,1 @@
-"""From depth frames to relative poses of the target."""
+"""Front ends, which compute relative poses of the target from depth frames."""

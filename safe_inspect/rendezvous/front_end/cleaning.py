@@ -1,4 +1,4 @@
-"""What of a depth frame is used: the target's points, without those at the edges of the depth image."""
+"""Selection of the points of a depth frame that are used: the target's, without those at edges of the depth image."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from safe_inspect.rendezvous.poses import move
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Edge of the voxels whose neighbours are taken as one cluster [m].
+#: Size of the voxels; occupied voxels that touch belong to one cluster [m].
 _LINK = 0.08
-#: Least size of a cluster relative to the largest: parts of one body may seem apart, what flies is small.
+#: Minimum size of a cluster relative to the largest: parts of one body may appear separate, flying pixels are few.
 _LEAST_CLUSTER = 0.25
-#: Width over which the border of a silhouette is averaged for its direction [px], and its least slope [1/px].
+#: Width over which the border of a silhouette is averaged to find its direction [px], and its minimum slope [1/px].
 _BLUR, _LEAST_SLOPE = 3.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """The cleaned points of one frame, in the chaser's frame B.
+    """Cleaned points of one frame, in the chaser's frame B.
 
     Attributes:
         points: Positions [m], shape (n, 3).
         rays: Unit directions from the camera, shape (n, 3).
         ranges: Distances from the camera [m], shape (n,).
-        silhouette: Row and column of the nearest pixel that sees anything, shape (2, height, width).
+        silhouette: Row and column of the nearest pixel with a measurement, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
             shape (2, height, width).
-        nearest: Least depth at a pixel and its neighbours, infinite where they see nothing [m], shape (height, width).
+        nearest: Smallest depth of a pixel and its neighbours, infinite if none has a depth [m], shape (height, width).
     """
 
     points: FloatArray
@@ -43,7 +43,7 @@ class Cloud:
         return len(self.points)
 
     def thinned(self, count: int) -> Cloud:
-        """Return at most `count` of the points, evenly spread over their order."""
+        """Return a cloud with at most `count` of the points, at regular intervals of their order."""
         if len(self) <= count:
             return self
         kept = np.linspace(0, len(self) - 1, count).astype(int)
@@ -52,11 +52,11 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Cleaning:
-    """Cleans frames.
+    """Function that cleans depth frames.
 
     Attributes:
         camera: Geometry of the camera.
-        edge: Difference of depth to a neighbour from which a pixel counts as the edge of a body [m].
+        edge: Difference of depth to a neighbour beyond which a pixel counts as the edge of a body [m].
     """
 
     camera: DepthCamera
@@ -65,8 +65,8 @@ class Cleaning:
     def __call__(self, frame: DepthFrame, T_BC: FloatArray) -> Cloud:  # noqa: N803
         """Return the cleaned points of a frame.
 
-        A pixel is dropped when it does not belong to a large cluster, or when one of its eight neighbours that see
-        something differs by more than `edge`: there pixels fly.
+        A pixel is dropped if it does not belong to a large cluster, or if the depth of one of its eight neighbours
+        differs by more than `edge`, because flying pixels occur there. Neighbours without a measurement do not count.
 
         Args:
             frame: The frame.
@@ -76,7 +76,7 @@ class Cleaning:
 
         directions = self.camera.directions
         used = frame.valid
-        # A part that seems apart from the rest, behind an edge for instance, is no place where nothing is seen.
+        # Close gaps between parts that only appear separate, for instance behind an edge: they are not free space.
         seen = used | ndimage.binary_closing(used)
         used = _large_clusters(directions, frame.depth, used)
         inner = used & ~_depth_edges(frame.depth, used, self.edge)
@@ -97,7 +97,7 @@ class Cleaning:
 
 
 def _outwards(seen: BoolArray) -> FloatArray:
-    """Return the directions in which a blurred mask falls, shape (2, height, width); 0 far from its border."""
+    """Return the directions in which a blurred mask decreases, shape (2, height, width); 0 far from its border."""
     from scipy import ndimage  # slow to import
 
     blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
@@ -110,20 +110,20 @@ def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
     """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
     from scipy import ndimage  # slow to import
 
-    # What is not used never differs: the largest and the least of the neighbours are taken over the used ones alone.
+    # Pixels that are not used must not count as a difference: take the extremes over the used neighbours only.
     largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
     return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
 
 
 def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
-    """Return the least depth of the used ones of a pixel and its neighbours, infinite without any [m]."""
+    """Return the smallest depth of the used pixels among a pixel and its neighbours, infinite if there are none [m]."""
     from scipy import ndimage  # slow to import
 
     return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
 def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:
-    """Return the used pixels of the largest groups of voxels that touch each other."""
+    """Return the mask of the used pixels that belong to the largest groups of touching voxels."""
     from scipy import ndimage  # slow to import
 
     rays = directions[used]

@@ -1,4 +1,4 @@
-"""Front ends: the plugin kind, what one is made with, and what it is asked for at each frame."""
+"""Front ends: the plugin kind, the context of a front end, and its interface at each frame."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class FrontEndContext:
-    """What is known before the first frame.
+    """Information that is available before the first frame.
 
     Attributes:
         camera: Geometry of the depth camera.
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
-        target: The target where its shape is known, else None.
-        streams: Random streams of the estimator's own.
+        target: The target, None if its shape is not known.
+        streams: Random streams that only the estimator uses.
     """
 
     camera: DepthCamera
@@ -32,23 +32,23 @@ class FrontEndContext:
 
 
 class FrontEndRun(Protocol):
-    """The front end of one mission. Frames are counted by the calls of `step`: 0, 1, 2, ..."""
+    """Front end of one mission. Frames are numbered by the calls of `step`: 0, 1, 2, ..."""
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
-        """Return the relative poses that a frame gives; a frame without any gives an empty list, and still counts.
+        """Return the relative poses found in a frame; the list may be empty, and the frame still counts.
 
         Args:
             frame: The frame.
-            predicted: T_GB of this frame as the back end predicts it, shape (4, 4); None without a prediction.
-            rotation: R_B'B from the gyro, from B now to B' at the last call, shape (3, 3).
+            predicted: T_GB of this frame predicted by the back end, shape (4, 4); None without a prediction.
+            rotation: R_B'B from the gyro, from B now to B' at the previous call, shape (3, 3).
         """
 
 
 class FrontEnd(Plugin):
-    """Base of front ends: from depth frames to relative poses of the target.
+    """Base class of front ends, which compute relative poses of the target from depth frames.
 
     Attributes:
-        reads: ``frames`` of a depth camera, or ``poses`` that a simulated sensor measures in their place.
+        reads: ``frames`` of a depth camera, or ``poses`` that a simulated sensor measures instead.
     """
 
     kind: ClassVar[str] = "front_end"
@@ -56,4 +56,4 @@ class FrontEnd(Plugin):
 
     @abstractmethod
     def __call__(self, context: FrontEndContext) -> FrontEndRun:
-        """Return the front end of a mission."""
+        """Return the front end for a mission."""

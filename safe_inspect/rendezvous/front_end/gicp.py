@@ -1,4 +1,4 @@
-"""Registration of two point clouds by generalised ICP (small_gicp)."""
+"""Registration of two point clouds with generalised ICP (small_gicp)."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import adjoint, orthonormal
 from safe_inspect.types import FloatArray
 
-#: Edge of the grid that thins a cloud [m], and points that a surface is estimated from.
+#: Voxel size for downsampling a cloud [m], and number of points from which a surface is estimated.
 _VOXEL, _NEIGHBOURS = 0.012, 12
-#: Largest distances of correspondences, one after the other [m].
+#: Maximum distances of correspondences in consecutive passes [m].
 _REACH = (0.06, 0.03)
-#: Standard deviations of the error that two views have however many points they are of [rad, m].
+#: Standard deviations of the error between two views that does not decrease with the number of points [rad, m].
 _VIEW = (np.deg2rad(0.5), 4e-3)
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedCloud:
-    """Points thinned to a grid, with their surfaces' covariances and a tree.
+    """Downsampled points with the covariances of their surfaces and a search tree.
 
     Attributes:
         points: Positions [m], shape (n, 3).
         cloud: The cloud of small_gicp.
-        tree: Its tree.
+        tree: The search tree of the cloud.
     """
 
     points: FloatArray
@@ -39,7 +39,7 @@ class PreparedCloud:
 
 
 def prepared_cloud(points: FloatArray) -> PreparedCloud:
-    """Return points [m], shape (n, 3), ready for registration."""
+    """Prepare points [m], shape (n, 3), for registration."""
     library = require("small_gicp")
     cloud, tree = library.preprocess_points(
         np.ascontiguousarray(points, np.float64), _VOXEL, _NEIGHBOURS, num_threads=1
@@ -48,15 +48,15 @@ def prepared_cloud(points: FloatArray) -> PreparedCloud:
 
 
 def register(target: PreparedCloud, source: PreparedCloud, start: FloatArray) -> Registration:
-    """Return the pose that takes `source` to `target`, first by far correspondences, then by near ones.
+    """Return the pose that maps `source` to `target`, first with distant correspondences, then with close ones.
 
-    The score is the root mean square of the residuals, each over the width of the surface that it is measured
-    from; the inliers are the share of the source's points with a correspondence.
+    The score is the root mean square of the residuals, each divided by the width of the surface that it is measured
+    from. The inliers are the fraction of the source's points that have a correspondence.
 
     Args:
-        target: The cloud that stays.
-        source: The cloud that moves.
-        start: Pose to start from, shape (4, 4).
+        target: The fixed cloud.
+        source: The moving cloud.
+        start: Initial pose, shape (4, 4).
     """
     library = require("small_gicp")
     pose = start
@@ -77,7 +77,7 @@ def register(target: PreparedCloud, source: PreparedCloud, start: FloatArray) ->
         pose = orthonormal(np.asarray(result.T_target_source))
     found = max(int(result.num_inliers), 1)
     error = max(2.0 * float(result.error) / found, 1e-9)
-    # Two views sample different points: their common error turns the cloud about its own middle.
+    # Two views sample different points: their common error rotates the cloud about its mean.
     middle = source.points.mean(axis=0) if len(source) else np.zeros(3)
     carry = adjoint(_at(middle))
     systematic = carry @ np.diag(np.repeat(_VIEW, 3) ** 2) @ carry.T

@@ -1,4 +1,4 @@
-"""Odometry, skip edges and loops of an unknown shape: registration of clouds to a submap of keyframes."""
+"""Odometry, skip edges and loops for an unknown shape: registration of clouds to a submap of keyframes."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _Kind = Literal["odometry", "skip", "loop", "relocalised"]
 
 #: Frames with fewer points are not used.
 _LEAST_POINTS = 150
-#: Turn from the last keyframe that makes a new one [rad].
+#: Rotation from the last keyframe at which a new one is added [rad].
 _KEYFRAME_ANGLE = 0.20943951023931953
-#: Least share of inliers of an accepted registration, and its largest difference from the prediction [rad, m].
+#: Minimum fraction of inliers of an accepted registration, and its maximum difference from the prediction [rad, m].
 _LEAST_INLIERS, _LARGEST_TURN, _LARGEST_SHIFT = 0.6, np.deg2rad(10.0), 0.1
-#: Failures in a row after which the frame is looked for among the keyframes.
+#: Number of consecutive failures after which a frame is relocalised with respect to all keyframes.
 _FAILURES = 3
-#: Largest predicted angle of a loop [rad], its least share of inliers, and how many keyframes it reaches back at least.
+#: Maximum predicted angle of a loop [rad], its minimum fraction of inliers, and how many keyframes it must go back.
 _LOOP_ANGLE, _LOOP_INLIERS, _LOOP_GAP = np.deg2rad(20.0), 0.75, 8
 #: Factor of the covariances, calibrated on simulation.
 _SCALE = 10.0
@@ -37,7 +37,7 @@ _SCALE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class _Keyframe:
-    """A frame that others are registered to: its number, T_GB as estimated here, and its cloud in B."""
+    """Frame that others are registered to: its number, T_GB as estimated by this front end, and its cloud in B."""
 
     number: int
     pose: FloatArray
@@ -45,15 +45,15 @@ class _Keyframe:
 
 
 class GicpSubmapFrontEnd(FrontEnd):
-    """Registers each frame to a submap of keyframes by generalised ICP; the shape need not be known.
+    """Front end that registers each frame to a submap of keyframes with generalised ICP, for an unknown shape.
 
-    A new keyframe is also registered to the ones before it and, when its view was seen before, to those of that view.
-    After failures a frame is looked for among the keyframes.
+    A new keyframe is also registered to the previous ones and, if the same view was seen before, to keyframes of that
+    view. After several failures, a frame is relocalised with respect to all keyframes.
 
     Attributes:
-        submap: Number of the newest keyframes that frames are registered to.
-        skips: To how many keyframes before the last one a new keyframe is registered.
-        loops: Whether keyframes are registered to earlier ones of about the same view.
+        submap: Number of the newest keyframes to which frames are registered.
+        skips: Number of keyframes before the last one to which a new keyframe is registered.
+        loops: Whether to register keyframes to earlier ones with a similar view.
     """
 
     submap: int = Field(default=100, ge=1)
@@ -61,34 +61,34 @@ class GicpSubmapFrontEnd(FrontEnd):
     loops: bool = True
 
     def __call__(self, context: FrontEndContext) -> SubmapFrontEndRun:
-        """Return the front end of a mission."""
+        """Return the front end for a mission."""
         return SubmapFrontEndRun(self, context)
 
 
 class SubmapFrontEndRun:
-    """Registers each frame to the keyframes before it, in the frame G of the first one.
+    """Front end of one mission; it registers each frame to earlier keyframes, in the frame G of the first one.
 
     Args:
         options: The options.
-        context: What is known before the first frame.
+        context: Information that is available before the first frame.
     """
 
     def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
         self._cleaning = Cleaning(context.camera)
         self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
         self._keyframes: list[_Keyframe] = []
-        # Both begin with the first keyframe.
+        # Both are set when the first keyframe is added.
         self._submap: PreparedCloud
         self._motion: RelativeMotion
         self._count = self._failures = 0
 
     @property
     def keyframes(self) -> list[tuple[int, FloatArray, FloatArray]]:
-        """Number, T_GB as estimated here, shape (4, 4), and points in B [m], shape (n, 3), of each keyframe."""
+        """Number, T_GB as estimated by this front end, shape (4, 4), and points in B [m], (n, 3), of each keyframe."""
         return [(one.number, one.pose, one.cloud.points) for one in self._keyframes]
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
-        """Return the edges of a frame to the last keyframe, and those of a new keyframe to earlier ones."""
+        """Return the edge of a frame to the last keyframe and, for a new keyframe, its edges to earlier ones."""
         number = self._count
         self._count += 1
         if self._keyframes:
@@ -121,7 +121,7 @@ class SubmapFrontEndRun:
     def _locate(
         self, cloud: PreparedCloud, predicted: FloatArray | None, time: float
     ) -> tuple[Registration | None, _Kind]:
-        """Return T_GB of a cloud by its prediction or, after failures, by the keyframes; None when neither fits."""
+        """Return T_GB of a cloud from its prediction or, after failures, from the keyframes; None if neither fits."""
         start = self._motion.predict(time)
         if self._failures and predicted is not None:
             start = predicted
@@ -133,7 +133,10 @@ class SubmapFrontEndRun:
         return self._relocalise(cloud), "relocalised"
 
     def _relocalise(self, cloud: PreparedCloud) -> Registration | None:
-        """Return T_GB of a cloud by registration to each keyframe, their middles together, confirmed by the submap."""
+        """Return T_GB of a cloud from registration to each keyframe, starting with equal means, or None.
+
+        The submap must confirm the pose.
+        """
         fits = []
         for one in self._keyframes:
             middles = one.cloud.points.mean(axis=0) - cloud.points.mean(axis=0)
@@ -154,7 +157,7 @@ class SubmapFrontEndRun:
 
     @property
     def _middle(self) -> FloatArray:
-        """The middle of the last keyframe's points in B [m], shape (1, 3)."""
+        """Mean of the last keyframe's points in B [m], shape (1, 3)."""
         return np.asarray(self._keyframes[-1].cloud.points.mean(axis=0, keepdims=True))
 
     def _skips(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> list[Edge]:  # noqa: N803
@@ -167,7 +170,7 @@ class SubmapFrontEndRun:
         return edges
 
     def _loops(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> list[Edge]:  # noqa: N803
-        """Return the edges to the nearest earlier view and to one at random, from seven starts each."""
+        """Return the edges to the closest earlier view and to a random close one, from seven starts each."""
         earlier = self._keyframes[: max(len(self._keyframes) - _LOOP_GAP, 0)]
         angles = [float(np.linalg.norm(rotation_log(one.pose[:3, :3].T @ T_GB[:3, :3]))) for one in earlier]
         near = [one for _, one in sorted(zip(angles, earlier, strict=True), key=lambda pair: pair[0])]
@@ -188,7 +191,7 @@ class SubmapFrontEndRun:
         return edges
 
     def _add(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> None:  # noqa: N803
-        """Add a keyframe and renew the submap."""
+        """Add a keyframe and update the submap."""
         self._keyframes.append(_Keyframe(number, T_GB, cloud))
         newest = self._keyframes[-self._options.submap :]
         self._submap = prepared_cloud(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
@@ -204,7 +207,7 @@ class SubmapFrontEndRun:
 
 
 def _starts(start: FloatArray, centre: FloatArray) -> list[FloatArray]:
-    """Return a start, and it turned by 10 degrees to both sides about each axis of B through the body's middle."""
+    """Return a start, and the start rotated by +-10 degrees about each axis of B through the body's centre."""
     turns = [np.zeros(3)] + [side * np.deg2rad(10.0) * axis for axis in np.eye(3) for side in (-1.0, 1.0)]
     rotations = [rotation_exp(turn) for turn in turns]
     return [start @ pose(rotation, centre - rotation @ centre) for rotation in rotations]

@@ -1,4 +1,4 @@
-"""A front end that passes on what a simulated sensor of poses has measured."""
+"""Front end that returns the poses that a simulated sensor measures."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from safe_inspect.types import FloatArray
 
 
 class MeasuredPoses(FrontEnd):
-    """Passes on the poses that the sensor ``sensors.poses`` measures; for tests and ablations in a simulation."""
+    """Front end that returns the poses measured by ``sensors.poses``; for tests and ablations in a simulation."""
 
     reads: ClassVar[Literal["frames", "poses"]] = "poses"
 
     def __call__(self, context: FrontEndContext) -> MeasuredPosesRun:
-        """Return the front end of a mission."""
+        """Return the front end for a mission."""
         return MeasuredPosesRun()
 
 
 class MeasuredPosesRun:
-    """The front end of one mission; it counts the frames by its calls, whatever the sensor's own numbers are."""
+    """Front end of one mission; it numbers the frames by its calls and not by the numbers of the sensor."""
 
     def __init__(self) -> None:
         self._numbers: dict[int, int] = {MODEL: MODEL}
@@ -34,7 +34,7 @@ class MeasuredPosesRun:
         """Return the poses of a frame.
 
         Raises:
-            ConfigError: The frame is one of a camera.
+            ConfigError: The frame is from a camera.
         """
         number, self._count = self._count, self._count + 1
         if not isinstance(frame, PoseFrame):

@@ -1,4 +1,4 @@
-"""Where a tumbling body is expected in the next frame: constant rate, and the chaser's turn by the gyro."""
+"""Prediction of a tumbling body's pose in the next frame: constant rate, and the chaser's rotation from the gyro."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _WEIGHT = 0.5
 
 
 class RelativeMotion:
-    """Predicts T_MB of a body that turns and drifts evenly, seen from a chaser whose turns are measured.
+    """Predictor of T_MB of a body with constant rate and velocity, relative to a chaser whose rotation is measured.
 
-    With g = R_B'B of the gyro, ``R_MB = D^T R_MB' g``, where D = Exp(w dt) turns the body about its own axes. The
-    origin of M, seen from the chaser, moves by ``c = g^T (c' + v dt)``.
+    With g = R_B'B of the gyro, ``R_MB = D^T R_MB' g``, where D = Exp(w dt) rotates the body about its axes. The origin
+    of M, relative to the chaser, moves by ``c = g^T (c' + v dt)``.
 
     Args:
         time: Time of the first pose [s].
@@ -29,7 +29,7 @@ class RelativeMotion:
         self._velocity = np.zeros(3)
 
     def turned(self, rotation: FloatArray) -> None:
-        """Add a turn of the chaser, R_B'B from the gyro, shape (3, 3)."""
+        """Add a rotation of the chaser, R_B'B from the gyro, shape (3, 3)."""
         self._turn = self._turn @ rotation
 
     def predict(self, time: float) -> FloatArray:
@@ -41,7 +41,7 @@ class RelativeMotion:
         return pose(R_MB, -R_MB @ (self._turn.T @ (centre + self._velocity * seconds)))
 
     def observe(self, time: float, found: FloatArray) -> None:
-        """Take a pose T_MB, shape (4, 4), that was measured at a time [s]."""
+        """Add a pose T_MB, shape (4, 4), that was measured at a time [s]."""
         if time > self._time:
             seconds = time - self._time
             body = self._pose[:3, :3] @ self._turn @ found[:3, :3].T

@@ -1,4 +1,4 @@
-"""What a registration gives."""
+"""Result of a registration."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A frame registered to something.
+    """Registration of a frame to another frame, a submap or a model.
 
     Attributes:
         pose: The pose, shape (4, 4).
-        hessian: Information of its tangent from the right, of the measurement alone, shape (6, 6).
-        score: How badly the points fit; what it is depends on the method.
-        inliers: Share of the points that lie near the other surface.
-        excess: Factor of the inverse Hessian by the residuals, positive: how much larger the errors are than assumed.
-        systematic: Covariance of errors that more points do not lower, shape (6, 6); None for none.
+        hessian: Information matrix of its tangent from the right, from the measurement alone, shape (6, 6).
+        score: Misfit of the points, larger is worse; its definition depends on the method.
+        inliers: Fraction of the points that are close to the other surface.
+        excess: Positive factor of the inverse Hessian, from the residuals: how much larger the errors are than assumed.
+        systematic: Covariance of errors that do not decrease with more points, shape (6, 6); None for none.
     """
 
     pose: FloatArray
@@ -31,16 +31,16 @@ class Registration:
     systematic: FloatArray | None = None
 
     def covariance(self, scale: float = 1.0) -> FloatArray:
-        """Return ``scale * excess * H^-1`` plus what is systematic, shape (6, 6).
+        """Return ``scale * excess * H^-1`` plus the systematic covariance, shape (6, 6).
 
-        Without the latter it is at most about 1 rad and 1 m in any direction.
+        Without the systematic part, the standard deviation is at most about 1 rad and 1 m in any direction.
         """
         covariance = np.asarray(np.linalg.inv(self.hessian / (scale * self.excess) + np.eye(6)), dtype=np.float64)
         return 0.5 * (covariance + covariance.T) + (0.0 if self.systematic is None else self.systematic)
 
 
 def relative(first: Registration, second: Registration) -> tuple[FloatArray, FloatArray]:
-    """Return the pose ``T1^-1 T2`` between two registrations to one thing, and its covariance, shape (6, 6)."""
+    """Return the pose ``T1^-1 T2`` between two registrations to the same object, and its covariance, shape (6, 6)."""
     between = inverse(first.pose) @ second.pose
     transport = adjoint(inverse(between))
     covariance = transport @ first.covariance() @ transport.T + second.covariance()

@@ -144,7 +144,7 @@ def test_a_chaser_without_inertial_samples_flies_as_commanded() -> None:
 
 @pytest.mark.parametrize("reached", [True, False])
 def test_a_frame_after_a_refused_one_has_an_innovation(reached: bool) -> None:
-    """A pose to the model tells where the centre is in B, whether an edge has reached the frame before or not."""
+    """A pose relative to the model determines the centre in B, whether the previous frame has an edge or not."""
     edge = edges_of(watched_poses(_TARGET, 1), model=True)[0]
     tight = 1e-4 * np.eye(3)
     graph = GraphEstimate(
@@ -209,7 +209,7 @@ def test_frames_without_edges_are_bridged() -> None:
     np.testing.assert_allclose(estimate.relative, inverse(poses[0]) @ poses[-1], atol=1e-6)
 
 
-def test_a_model_that_nothing_relates_to_older_frames_starts_anew() -> None:
+def test_a_model_that_nothing_relates_to_older_frames_restarts() -> None:
     poses = watched_poses(_TARGET, 20)
     edges = [edge for edge in edges_of(poses, model=True) if (edge.second < 8) == (edge.first != MODEL)]
     graph = _graph(edges, list(range(20)), CentrePrior(np.array([0.2, 0.0, -0.1]), 0.3))

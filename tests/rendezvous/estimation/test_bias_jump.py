@@ -62,7 +62,7 @@ def test_a_jump_and_its_end_are_found_with_their_covariance():
 
 
 def test_after_a_frame_nothing_is_corrected_further():
-    """The graph has the jump as part of the bias then, and an end of the jump is one of its own."""
+    """The graph then counts the jump as part of the bias, and the end of the jump is a separate jump."""
     jumps, bias = BiasJumps(ImuNoise()), np.zeros(3)
     for k, step in enumerate(_steps(60, range(20, 40))):
         found = jumps.check(*step, bias, _STEP)

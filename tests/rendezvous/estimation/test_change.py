@@ -93,7 +93,7 @@ def _known(inertia: np.ndarray, w: np.ndarray) -> TargetEstimate:
     )
 
 
-def test_a_departure_is_told_from_frames_in_which_the_front_end_errs() -> None:
+def test_a_departure_is_distinguished_from_frames_in_which_the_front_end_errs() -> None:
     inertia, w = np.array([0.2, 0.9, 1.0]), np.deg2rad([3.0, 2.0, 2.0])
     known, sigma, times = _known(inertia, w), np.deg2rad(0.3), np.arange(6.0, 11.0)
     expected = known.predict(times)[0]

@@ -232,7 +232,7 @@ def test_poses_that_come_back_on_the_way_out_lead_back() -> None:
     ids=["camera", "imu_bias", "tumble"],
 )
 def test_a_fault_on_the_approach_never_ends_in_contact(fault: str, guard: str) -> None:
-    """The chaser retreats, or goes on where the pipeline can do with it."""
+    """The chaser retreats, or continues if the pipeline can cope with the fault."""
     result = _fly(*_SOON, f"mission.faults=[{fault}]", "mission.time_limit=85 s")
     assert result.summary["least_clearance"] > 0.02
     left = [

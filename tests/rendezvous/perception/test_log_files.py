@@ -54,7 +54,7 @@ def test_only_ranges_between_the_limits_are_valid(tmp_path: Path) -> None:
     assert read_sensor_log(folder).frame(0).flags == ("out_of_view",)
 
 
-def test_columns_may_stand_in_any_order_with_spaces_and_empty_lines(tmp_path: Path) -> None:
+def test_columns_may_be_in_any_order_with_spaces_and_empty_lines(tmp_path: Path) -> None:
     folder = _write(tmp_path)
     before = read_sensor_log(folder)
     rows = [

@@ -180,7 +180,7 @@ def test_a_principal_point_outside_of_the_image_is_refused_with_its_line(tmp_pat
     assert "sensors.yml:7 camera.cy: -40 px is outside" in str(caught.value)
 
 
-def test_the_command_warns_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_warns_and_continues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = _log(tmp_path / "log", imu=_without(3.99, 8.01))
     assert main(["characterise", str(folder)]) == 2  # a flat image shows no motion
     err = capsys.readouterr().err

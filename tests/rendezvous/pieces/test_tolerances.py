@@ -91,8 +91,8 @@ def test_a_plan_may_differ_a_little_from_what_was_asked_for(
          r"velocity must be finite, of shape \(2, 3\), got the shape \(3, 3\)"),
         (lambda: SampledPath(np.array([0.0, 1.0]), np.full((2, 3), np.nan), np.ones((2, 3))), "position must be"),
         (lambda: design_tube(plan(), replace(bound(), times=bound().times[1:]), AXIS),
-         "tube: the plan has 151 samples, its bound 150"),
-        (lambda: design_tube(plan(), bound(), replace(AXIS, step=0.201)), "must be sampled every 0.201 s, the period"),
+         "tube: the plan has 151 samples but its bound has 150"),
+        (lambda: design_tube(plan(), bound(), replace(AXIS, step=0.201)), "must be sampled every 0.201 s, the control"),
         (lambda: ConformalBound(epsilon=0.1, trials=8), "0.1 needs 9 trials, and `trials` is 8; raise one of the two"),
     ],
 )  # fmt: skip

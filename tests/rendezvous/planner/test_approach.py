@@ -154,7 +154,7 @@ def test_a_duration_that_is_too_short_is_not_solved(query):
     assert "no spline of this duration" in plan.report.message
 
 
-def test_waits_and_durations_make_a_plan_no_dearer(query):
+def test_waits_and_durations_make_a_plan_no_more_expensive(query):
     asked = query(5)
     alone = SplineSCPPlanner()(asked)
     offered = SplineSCPPlanner()(replace(asked, waits=tuple(np.arange(0.0, 61.0)), durations=(50.0, 60.0)))

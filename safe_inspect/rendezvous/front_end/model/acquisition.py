@@ -1,4 +1,4 @@
-"""Finding the pose of a known shape in a frame without any prediction."""
+"""Search for the pose of a known shape in a frame without a prediction."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from safe_inspect.rendezvous.front_end.registration import Registration
 from safe_inspect.rendezvous.poses import pose, rotation_log
 from safe_inspect.types import FloatArray
 
-#: Poses that differ by less are one [rad].
+#: Poses whose attitudes differ by less count as the same [rad].
 _SAME = np.deg2rad(10.0)
 
 
 def spread_rotations(count: int) -> FloatArray:
-    """Return rotations that fill SO(3) evenly, shape (count, 3, 3).
+    """Return rotations that are spread evenly over SO(3), shape (count, 3, 3).
 
     Source:
         Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022.
@@ -32,15 +32,15 @@ def spread_rotations(count: int) -> FloatArray:
 def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600, kept: int = 6) -> list[Registration]:
     """Return the poses that explain a frame, best first, none within 10 degrees of a better one.
 
-    From each rotation of a grid the shape's visible points are laid on the centroid of the frame; two steps of the
-    registration with few points follow, more for the best quarter, and all with all points for the best of those and
-    for the very best turned by half a turn about the axes of M.
+    For each rotation of a grid, the centroid of the shape's visible points is placed at the centroid of the frame, and
+    two steps of the registration are done with few points. The best quarter gets more steps. The best of those are
+    registered with all points and up to 25 steps, and so is the very best rotated by half a turn about each axis of M.
 
     Args:
         registration: Registers frames to the shape.
         cloud: The cleaned frame.
-        rotations: Size of the grid; neighbours of 600 are 25 degrees apart.
-        kept: Largest number of poses.
+        rotations: Size of the grid; with 600, neighbours are 25 degrees apart.
+        kept: Maximum number of poses.
     """
     coarse = cloud.thinned(250)
     centroid, samples = cloud.points.mean(axis=0), registration.coarse_samples
@@ -54,7 +54,7 @@ def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600,
     found = [registration(coarse, one.pose, iterations=4, widening=2.0, coarse=True) for one in found]
     poses = [one.pose for one in _distinct(sorted(found, key=_score), 3 * kept)]
     refined = [registration(cloud, one, iterations=25, widening=2.5) for one in poses]
-    # What looks alike is most often the shape turned by half a turn about one of its axes.
+    # A pose that looks like the true one most often differs by half a turn about one of the axes.
     turned = [pose(turn, np.zeros(3)) @ min(refined, key=_score).pose for turn in HALF_TURNS[1:]]
     refined += [registration(cloud, one, iterations=25, widening=2.5) for one in turned]
     return _distinct(sorted(refined, key=_score), kept)
@@ -65,7 +65,7 @@ def _score(one: Registration) -> float:
 
 
 def _distinct(ordered: list[Registration], count: int) -> list[Registration]:
-    """Return the first ones that differ from all before them."""
+    """Return at most `count` registrations, in order, whose attitudes differ from all earlier ones."""
     kept: list[Registration] = []
     for one in ordered:
         turns = (other.pose[:3, :3].T @ one.pose[:3, :3] for other in kept)

@@ -1,4 +1,4 @@
-"""The faces of a target's boxes as rectangles: what a camera can see of a known shape."""
+"""Faces of a target's boxes as rectangles: the surfaces of a known shape that a camera can see."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Faces(NamedTuple):
 
     Attributes:
         centre: Centres [m], shape (F, 3).
-        axes: Outward normal and the two directions along the sides, shape (F, 3, 3), one a row.
+        axes: Outward normal and the two directions along the sides, one per row, shape (F, 3, 3).
         half_size: Half lengths of the two sides [m], shape (F, 2).
     """
 
@@ -24,12 +24,12 @@ class Faces(NamedTuple):
     half_size: FloatArray
 
     def looks_to(self, position: FloatArray) -> BoolArray:
-        """Return which faces have a position [m], shape (3,), on their outer side, shape (F,)."""
+        """Return for each face whether a position [m], shape (3,), is on its outer side, shape (F,)."""
         return np.asarray(np.einsum("fi,fi->f", self.axes[:, 0], position - self.centre) > 0.0)
 
 
 class SurfacePoints(NamedTuple):
-    """Points on the faces, in M.
+    """Points on the faces, in the model's frame M.
 
     Attributes:
         points: Positions [m], shape (n, 3).
@@ -55,7 +55,7 @@ def faces_of(boxes: OrientedBoxes) -> Faces:
 
 
 def surface_points(faces: Faces, spacing: float) -> SurfacePoints:
-    """Return a grid of points on each face, its border included, at most `spacing` [m] apart."""
+    """Return a grid of points on each face, including its border, at most `spacing` [m] apart."""
     points, normals = [], []
     for centre, axes, half in zip(*faces, strict=True):
         count = np.maximum(np.ceil(2.0 * half / spacing).astype(int) + 1, 2)

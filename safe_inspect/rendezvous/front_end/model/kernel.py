@@ -1,7 +1,7 @@
-"""Normal equations of a depth frame against the faces of a known shape, compiled.
+"""Compiled normal equations of a depth frame against the faces of a known shape.
 
-Tangents (rotation, translation) act on T_MB from the right. A point p in B lies at ``x = R p + t`` in M, and the
-residual along a direction n of M has the derivative ``[p x g, g]`` with ``g = R^T n``.
+Tangents (rotation, translation) act on T_MB from the right. A point p in B is at ``x = R p + t`` in M, and the residual
+along a direction n of M has the derivative ``[p x g, g]`` with ``g = R^T n``.
 """
 
 from __future__ import annotations
@@ -15,28 +15,29 @@ from safe_inspect.compiling import njit
 from safe_inspect.rendezvous.front_end.model.faces import Faces, SurfacePoints
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Distance beyond which a point counts the same in the score [m].
+#: Limit of the distance of a point in the score [m].
 FAR = 0.05
-#: Least cosine of incidence on a face that points count for: what seems to lie on a flatter one flies beside an edge.
+#: Minimum cosine of incidence at which the points of a face count: points on a face seen at a flatter angle are flying
+#: pixels next to an edge.
 _LEAST_COSINE = 0.12
-#: Least share of the points that a face must have: the few on another one are pixels that fly, or what the shape leaves
-#: out, and would alone decide where the shape may slide along the faces that are seen.
+#: Minimum fraction of the points that a face must have: a few points on a face are flying pixels, or belong to details
+#: that the model lacks, and would alone determine how the shape may slide along the other visible faces.
 _LEAST_SHARE = 0.005
-#: Pixels at the border of an image that are not compared with the silhouette, and edge of the cells in which parts that
-#: are too near hide others [px].
+#: Width of the image border that is not compared with the silhouette, and size of the cells in which parts that are
+#: too close hide others [px].
 _BORDER, _CELL = 2.0, 16
-#: Standard deviations of the range by which a point must lie in front of all that is measured there and at the pixels
-#: about it to be seen through.
+#: Number of standard deviations of the range by which a point must be in front of all depths measured at its pixel and
+#: the neighbouring ones to count as seen through.
 _SEEN_THROUGH = 1.0
 
 
 class RangeNoise(NamedTuple):
-    """What a registration assumes of the camera, and how it treats outliers.
+    """Error model of the camera, and the treatment of outliers in a registration.
 
     Attributes:
         sigma0: Constant part of the standard deviation of a range [m].
-        k: Part that grows with ``r^2 / cos(incidence)`` [1/m].
-        lateral: Standard deviation across a ray, relative to the range.
+        k: Coefficient of the part that grows with ``r^2 / cos(incidence)`` [1/m].
+        lateral: Standard deviation perpendicular to a ray, relative to the range.
         cut: Distance from a face at which Tukey's weights reach zero [m].
     """
 
@@ -47,21 +48,21 @@ class RangeNoise(NamedTuple):
 
 
 class FrameView(NamedTuple):
-    """Where the camera is and what it has seen.
+    """Pose of the camera and its measurements.
 
     Attributes:
         axes: R_BC, shape (3, 3).
         origin: Position of the camera in B [m], shape (3,).
         silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette, shape (2, height, width).
-        measured: Least depth at a pixel and its neighbours, infinite for none [m], shape (height, width).
-        intrinsics: Focal lengths along rows and columns and the principal point [px].
+        measured: Smallest depth at a pixel and its neighbours, infinite for none [m], shape (height, width).
+        intrinsics: Focal lengths and principal point ``(fx, fy, cx, cy)``, x along rows and y along columns [px].
         sigma: Standard deviation of the silhouette [px].
-        cut: Distance to the silhouette from which Huber's weights fall [m].
-        least_cosine: Least cosine of incidence at which a point of the shape should be seen.
-        nearest: Range below which the camera may see nothing [m].
-        farthest: Range above which it may see nothing [m].
-        noise: The camera's errors.
+        cut: Distance to the silhouette at which Huber's weights begin to decrease [m].
+        least_cosine: Minimum cosine of incidence at which a point of the shape should be visible.
+        nearest: Range below which the camera may measure nothing [m].
+        farthest: Range above which the camera may measure nothing [m].
+        noise: Error model of the camera.
     """
 
     axes: FloatArray
@@ -79,10 +80,10 @@ class FrameView(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What the points add up to.
+    """Sums over the points.
 
     Attributes:
-        squares: Weighted squares of the residuals.
+        squares: Sum of the weighted squares of the residuals.
         distance: Sum of the distances, each at most `FAR` [m].
         number: Number of points.
         inliers: Number of points within the cut, or beyond the silhouette.
@@ -96,13 +97,13 @@ class Sums(NamedTuple):
 
 @njit
 def nearest_face(faces: Faces, visible: BoolArray, x: float, y: float, z: float) -> tuple[int, float, float, float]:
-    """Return the visible face nearest to a point, the height above it and how far the point is beyond its sides.
+    """Return the visible face nearest to a point, the height above it, and the distances beyond its two pairs of sides.
 
-    The last two are signed, and 0 within the rectangle; the face is -1 when none is visible.
+    The last two are signed, and 0 within the rectangle. The face is -1 if none is visible.
 
     Args:
         faces: The faces.
-        visible: Which faces look to the camera, shape (F,).
+        visible: Mask of the faces that look to the camera, shape (F,).
         x: First coordinate of the point in M [m].
         y: Second coordinate [m].
         z: Third coordinate [m].
@@ -139,22 +140,22 @@ def face_equations(
     hessian: FloatArray,
     gradient: FloatArray,
 ) -> tuple[float, float, int, int]:
-    """Set the normal equations of measured points against the visible faces, and return the parts of `Sums`.
+    """Set the normal equations of measured points against the visible faces, and return the fields of `Sums`.
 
-    Points on a face that is seen too flatly, or with too few others, do not count.
-    Residuals are the height above the face's plane and what a point is beyond the face's sides. The variance along a
-    unit vector n is ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
+    Points on a face that is seen at too flat an angle, or that has too few points, do not count. The residuals are the
+    height above the plane of the face and the distances beyond its sides. The variance along a unit vector n is
+    ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
 
     Args:
         faces: The faces in M.
-        visible: Which faces look to the camera, shape (F,).
+        visible: Mask of the faces that look to the camera, shape (F,).
         transform: T_MB, shape (4, 4).
         points: Points in B [m], shape (n, 3).
         rays: Unit directions from the camera to the points in B, shape (n, 3).
         ranges: Distances from the camera [m], shape (n,).
-        noise: The camera's errors.
-        hessian: Is set, shape (6, 6).
-        gradient: Is set, shape (6,).
+        noise: Error model of the camera.
+        hessian: Output, shape (6, 6).
+        gradient: Output, shape (6,).
     """
     hessian[:] = 0.0
     gradient[:] = 0.0
@@ -220,10 +221,10 @@ def face_equations(
 def _seen_at(
     samples: SurfacePoints, i: int, transform: FloatArray, view: FrameView
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Return where a point of the shape is seen: depth [m], column, row, position in B [m], cosine of incidence.
+    """Return depth [m], column, row, position in B (x, y, z) [m] and cosine of incidence of a point of the shape.
 
-    The depth is 0 where the point is not in the image or its face is seen at too flat an angle, and negative where the
-    point is too near or too far to be measured; column and row are half-integer at the centre of a pixel.
+    The depth is 0 if the point is not in the image or its face is seen at too flat an angle, and negative if the point
+    is too close or too far to be measured. Column and row are half-integers at the centre of a pixel.
     """
     height, width = view.silhouette.shape[1], view.silhouette.shape[2]
     axes, origin = view.axes, view.origin
@@ -246,7 +247,7 @@ def _seen_at(
         return 0.0, 0.0, 0.0, x, y, z, cosine
     column = fx * (axes[0, 0] * dx + axes[1, 0] * dy + axes[2, 0] * dz) / depth + cx + 0.5
     row = fy * (axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) / depth + cy + 0.5
-    # At the border of the image half of what is near a pixel cannot be seen.
+    # At the border of the image, half of a pixel's neighbourhood is not visible.
     if not (_BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER):
         return 0.0, 0.0, 0.0, x, y, z, cosine
     measured = view.nearest <= distance <= view.farthest
@@ -257,19 +258,20 @@ def _seen_at(
 def add_silhouette_equations(
     samples: SurfacePoints, transform: FloatArray, view: FrameView, hessian: FloatArray, gradient: FloatArray
 ) -> tuple[float, float, int, int]:
-    """Add the normal equations of points that should be seen where nothing is, and return the parts of `Sums`.
+    """Add the normal equations of points that should be visible outside the silhouette; return the fields of `Sums`.
 
-    The residual of such a point is its distance, across the ray, to the silhouette's border, along the normal of the
-    border: where a border leads through the image to both sides, the shape may slide along it. What is too near to be
-    measured, and what is next to it in the image and may be behind it, takes no part. A point in front of what the
-    camera has measured there has no equation, but its distance counts: a pose is wrong where the camera sees through.
+    The residual of such a point is its distance to the border of the silhouette, perpendicular to the ray and along the
+    normal of the border: if a border crosses the whole image, the shape may slide along it. Points that are too close
+    to be measured are left out, and so are points next to them in the image, which may be behind them. A point in front
+    of the depth measured at its pixel has no equation, but its distance counts in the score: a pose is wrong if the
+    camera sees through the shape.
 
     Args:
         samples: Points on the faces in M.
         transform: T_MB, shape (4, 4).
-        view: The camera and what it has seen.
-        hessian: Is added to, shape (6, 6).
-        gradient: Is added to, shape (6,).
+        view: The camera and its measurements.
+        hessian: Matrix to which the equations are added, shape (6, 6).
+        gradient: Vector to which the equations are added, shape (6,).
     """
     squares, total, seen, beyond = 0.0, 0.0, 0, 0
     height, width = view.silhouette.shape[1], view.silhouette.shape[2]

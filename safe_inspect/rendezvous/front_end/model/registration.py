@@ -24,30 +24,30 @@ from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
-#: Distance to a face from which points do not count [m].
+#: Distance to a face beyond which points do not count [m].
 _CUT = 0.03
 #: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
 #: tracking and for a search.
 _SPACING, _COARSE_SPACING = 0.02, 0.08
-#: Least mean weighted square of the residuals: what the boxes leave out stays without noise.
+#: Minimum mean weighted square of the residuals: details that the boxes lack cause errors even without noise.
 _LEAST_EXCESS = 0.05
-#: Variance of errors of second order in the noise, of points at wrong faces and of those beyond the cut, over that of
-#: first order, at a mean weighted square of 1. Without it the squared errors over covariances of camera profiles differ
-#: by a factor of 4.
+#: Ratio of the variance of second-order errors (from points at wrong faces and points beyond the cut) to that of
+#: first-order errors at a mean weighted square of 1. Without it, the normalised squared errors of camera profiles
+#: differ by a factor of 4.
 _SECOND_ORDER = 10.0
-#: Standard deviations of the errors that come from what the boxes leave out, about the model's origin [rad, m], the
-#: spread of the points from which the first is so small, relative to the swept radius, and the power by which it grows
-#: where they spread less: details turn a small patch more, and fewer of them are averaged.
+#: Standard deviations of the errors caused by details that the boxes lack, about the model's origin [rad, m]; the
+#: spread of the points, relative to the swept radius, above which the first holds; and the power by which it grows for
+#: a smaller spread: details rotate a small patch more, and fewer of them are averaged.
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Where a pose is expected.
+    """Prior of a pose.
 
     Attributes:
         pose: The expected T_MB, shape (4, 4).
-        information: Of the tangent from the right, shape (6, 6).
+        information: Information matrix of the tangent from the right, shape (6, 6).
     """
 
     pose: FloatArray
@@ -56,13 +56,13 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The normal equations of a frame at a pose; the tangent acts from the right.
+    """Normal equations of a frame at a pose; the tangent acts from the right.
 
     Attributes:
-        hessian: Shape (6, 6).
-        gradient: Shape (6,).
+        hessian: Matrix of the equations, shape (6, 6).
+        gradient: Gradient of the cost, shape (6,).
         score: Mean distance of the points to the shape plus that of the shape to the silhouette, each at most 5 cm [m].
-        inliers: Share of the points that lie near the shape.
+        inliers: Fraction of the points that are close to the shape.
         excess: Mean weighted square of the residuals.
     """
 
@@ -74,18 +74,18 @@ class Linearised:
 
 
 class ModelRegistration:
-    """Registers frames to the boxes of a target: points to visible faces, and the shape to the frame's silhouette.
+    """Registration of frames to the boxes of a target: of points to faces, and of the shape to the silhouette.
 
-    Only faces that look to the camera take part: what is behind a thin plate would pull its points through it. The
-    silhouette holds the shape where no point lies on it, along a box for instance.
+    Only faces that look to the camera are used: the rear face of a thin plate would attract points through the plate.
+    The silhouette constrains the shape in directions in which points do not, for instance along a box.
 
     Args:
         target: The target.
         camera: Geometry of the camera.
         T_BC: Pose of the camera in B, shape (4, 4).
         sigma0: Constant part of the standard deviation of a range [m].
-        k: Part that grows with the square of the range [1/m].
-        cut: Distance to a face from which points do not count [m].
+        k: Coefficient of the part that grows with the square of the range [1/m].
+        cut: Distance to a face beyond which points do not count [m].
     """
 
     def __init__(
@@ -113,18 +113,18 @@ class ModelRegistration:
         widening: float = 1.6,
         coarse: bool = False,
     ) -> Registration:
-        """Return the pose T_MB that fits a frame best, by Gauss-Newton steps.
+        """Return the registration with the pose T_MB that fits a frame best, found by Gauss-Newton steps.
 
         The score is the mean distance of the points to the shape plus that of the shape to the silhouette, each
         distance at most 5 cm [m].
 
         Args:
             cloud: The cleaned frame.
-            start: T_MB to start from, shape (4, 4).
-            prior: Where the pose is expected; it holds what the frame does not tell.
-            iterations: Largest number of steps.
-            widening: The cut of the first step over that of the last ones; it falls within three steps.
-            coarse: Compare fewer points of the shape with the silhouette.
+            start: Initial T_MB, shape (4, 4).
+            prior: Prior of the pose; it constrains directions that the frame does not.
+            iterations: Maximum number of steps.
+            widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
+            coarse: Whether to compare fewer points of the shape with the silhouette.
         """
         pose = start
         base = np.zeros((6, 6)) if prior is None else prior.information
@@ -138,7 +138,7 @@ class ModelRegistration:
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
             pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
-        # What the boxes leave out moves the shape in its own frame, whatever the distance.
+        # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
         turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0) ** _SPREAD_POWER
@@ -153,7 +153,7 @@ class ModelRegistration:
             cloud: The cleaned frame.
             pose: T_MB, shape (4, 4).
             widening: Factor of the cut.
-            coarse: Compare fewer points of the shape with the silhouette.
+            coarse: Whether to compare fewer points of the shape with the silhouette.
         """
         hessian, gradient = np.zeros((6, 6)), np.zeros(6)
         mount = self._T_BC
@@ -184,6 +184,6 @@ class ModelRegistration:
 
 
 def _limited(tangent: FloatArray) -> FloatArray:
-    """Return a step that is no longer than 0.2 rad and 0.2 m."""
+    """Return a step scaled down so that no component exceeds 0.2 rad or 0.2 m."""
     largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
     return tangent / largest

@@ -1,4 +1,4 @@
-"""Poses of a known shape: the front end whose errors do not add up over time."""
+"""Front end for a known shape, whose errors do not accumulate over time."""
 
 from __future__ import annotations
 
@@ -23,25 +23,26 @@ from safe_inspect.units import NonNegativeLength, PositiveLength
 
 #: Frames with fewer points are not used, and not searched without a prediction.
 _LEAST_POINTS, _SEARCH_POINTS = 150, 300
-#: Least share of the points that must lie near the shape, and largest mean distance [m], of an accepted frame.
+#: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
-#: Largest difference of an accepted pose from the prediction [rad, m].
+#: Maximum difference of an accepted pose from the prediction [rad, m].
 _LARGEST_OFF = (np.deg2rad(25.0), 0.25)
-#: Standard deviations of the own prediction and of the back end's [rad, m].
+#: Standard deviations of the prediction of this front end and of that of the back end [rad, m].
 _PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
-#: Frames in a row without a pose after which an attitude is given up, and the shape is searched anew.
+#: Number of consecutive frames without a pose after which a hypothesis is dropped; without any left, the shape is
+#: searched again.
 _FAILURES = 3
-#: Number of poses beyond which a frame tells too little to start with.
+#: Number of possible poses above which a frame is too ambiguous to start with.
 _ALTERNATIVES = 4
 #: Difference of attitude within which a found pose is the expected one [rad].
 _EXPECTED_TURN = np.deg2rad(45.0)
-#: Scores up to that much above the best one are poses that may be right too [m].
+#: Poses whose scores exceed the best one by at most this much may be right too [m].
 _AMBIGUITY = 0.004
 #: Sum of the differences of scores over distinct views that rules a pose out at once [m]; number of distinct views from
-#: which a sixth of it rules it out too, where the differences are four times their standard error; and the angle
+#: which a sixth of this sum suffices if the mean difference is more than four times its standard error; and the angle
 #: between two distinct views [rad].
 _MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
-#: Share of a frame that the pose of G in M takes, and how far [rad, m] it may be from it.
+#: Weight of a frame in the update of the pose of G in M, and the difference [rad, m] beyond which the pose is replaced.
 _PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
 
 
@@ -52,16 +53,16 @@ def _is_beyond(off: FloatArray, limits: tuple[float, float]) -> bool:
 
 @dataclass(eq=False)
 class _Hypothesis:
-    """One pose that the shape may have.
+    """Hypothesis of the shape's pose.
 
     Attributes:
         found: The newest registration.
         first: Its registration at the first frame of the search.
         first_number: Number of that frame.
-        motion: How it moves.
-        failures: Frames in a row in which it did not fit.
+        motion: Predictor of its motion.
+        failures: Number of consecutive frames in which it did not fit.
         score: Its score in the newest frame [m].
-        scores: Those at the distinct views [m].
+        scores: Its scores at the distinct views [m].
     """
 
     found: Registration
@@ -79,21 +80,22 @@ class _Hypothesis:
 
 
 class ModelFrontEnd(FrontEnd):
-    """Registers each frame to the known shape of the target: poses whose errors do not add up over time.
+    """Front end that registers each frame to the known shape of the target; its errors do not accumulate over time.
 
-    Points are laid on the faces that look to the camera and the shape on the frame's silhouette; the first pose comes
-    from a search over all attitudes. Shapes that look alike when they are turned are told apart by several views.
+    Points are fitted to the faces that look to the camera, and the shape to the frame's silhouette. The first pose is
+    found by a search over all attitudes. If the shape looks the same from several attitudes, further views decide
+    between them.
 
     Attributes:
-        range_sigma: Standard deviation of a measured range, its constant part [m].
-        range_growth: Its part that grows with the square of the range, for each square metre [m].
+        range_sigma: Constant part of the standard deviation of a measured range [m].
+        range_growth: Coefficient of the part that grows with the square of the range [1/m].
     """
 
     range_sigma: PositiveLength = 3e-3  # type: ignore[valid-type]
     range_growth: NonNegativeLength = 1.5e-3  # type: ignore[valid-type]
 
     def __call__(self, context: FrontEndContext) -> ModelFrontEndRun:
-        """Return the front end of a mission.
+        """Return the front end for a mission.
 
         Raises:
             ConfigError: The target's shape is not known.
@@ -101,11 +103,11 @@ class ModelFrontEnd(FrontEnd):
         if context.target is None:
             raise ConfigError("ModelFrontEnd needs the shape of the target; give a target, or use GicpSubmapFrontEnd")
         registration = self.registration(context.target, context.camera, context.T_BC)
-        # All pixels are kept: the cut sees to those that fly, and a thin part has no others.
+        # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
         return ModelFrontEndRun(Cleaning(context.camera, edge=np.inf), registration, context.T_BC)
 
     def registration(self, target: Target, camera: DepthCamera, T_BC: FloatArray) -> ModelRegistration:  # noqa: N803
-        """Return what registers a frame to a known target.
+        """Return the registration of frames to a known target.
 
         Args:
             target: The target.
@@ -116,15 +118,16 @@ class ModelFrontEnd(FrontEnd):
 
 
 class ModelFrontEndRun:
-    """Registers every frame to the known shape. At first all poses are followed that look alike.
+    """Front end of one mission; it registers every frame to the known shape.
 
-    While more than one pose is left, a frame is related to the first frame of the search: a shape that looks alike when
-    it is turned gives the same motion, without a drift. Then poses to the model are returned. After a loss the pose is
-    taken that the back end expects.
+    At first, all poses that look alike are tracked. While more than one remains, the pose relative to the first frame
+    of the search is returned: all of them give the same relative motion, without drift. Afterwards, poses relative to
+    the model are returned. If tracking is lost, a search follows in which poses close to the back end's prediction are
+    preferred.
 
     Args:
         cleaning: Cleans frames.
-        registration: Registers them.
+        registration: Registers frames.
         T_BC: Pose of the camera in B, shape (4, 4).
     """
 
@@ -141,7 +144,7 @@ class ModelFrontEndRun:
         self._T_MG: FloatArray | None = None
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
-        """Return the pose to the model; before it is known which one, that to the first frame of the search."""
+        """Return the pose relative to the model; while it is ambiguous, that relative to the search's first frame."""
         number = self._count
         self._count += 1
         for hypothesis in self._hypotheses:
@@ -170,7 +173,7 @@ class ModelFrontEndRun:
         return edges
 
     def _fail(self, failed: list[_Hypothesis]) -> None:
-        """Note a frame in which hypotheses did not fit, and give up those that have not for too long."""
+        """Count a frame in which hypotheses did not fit, and drop those that have failed too often in a row."""
         for hypothesis in failed:
             hypothesis.failures += 1
         self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
@@ -178,7 +181,7 @@ class ModelFrontEndRun:
             self._view = None
 
     def _place(self, found: Registration, predicted: FloatArray) -> None:
-        """Take part of where a frame shows G to be in M; all of it where that is far from what was known."""
+        """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
         shown = found.pose @ inverse(predicted)
         off = None if self._T_MG is None else difference(self._T_MG, shown)
         if off is None or self._T_MG is None or _is_beyond(off, _FAR_OFF):
@@ -187,10 +190,11 @@ class ModelFrontEndRun:
             self._T_MG = perturbed(self._T_MG, _PLACING * off)
 
     def _registered(self, cloud: Cloud, start: FloatArray, expected: FloatArray | None) -> Registration:
-        """Return the frame registered at the back end's prediction, or where that fits worse at the own one.
+        """Return the registration that starts from the back end's prediction, or from `start` if that fits better.
 
-        The prediction holds what the frame does not show, along a face that fills the image for instance; the own one
-        would drift there. Where they differ, the target may move otherwise than the back end thinks.
+        The back end's prediction constrains directions that the frame does not, for instance along a face that fills
+        the image, where the prediction of the front end would drift. If they differ, the target may move differently
+        than the back end assumes.
         """
         tried = []
         if expected is not None:
@@ -202,7 +206,7 @@ class ModelFrontEndRun:
         return min(tried, key=lambda one: one.score)
 
     def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
-        """Register the frame at the predictions of all hypotheses, or of a single one at the back end's."""
+        """Register the frame from the prediction of each hypothesis; for a single one also from the back end's."""
         failed = []
         expected = None
         if len(self._hypotheses) == 1 and self._T_MG is not None and predicted is not None:
@@ -221,7 +225,7 @@ class ModelFrontEndRun:
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
 
     def _search(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
-        """Look for the shape without a prediction; nothing is found where too many poses explain the frame."""
+        """Search for the shape without a prediction; do nothing if too many poses explain the frame."""
         found = acquire(self._registration, cloud)
         fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
         if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
@@ -235,7 +239,7 @@ class ModelFrontEndRun:
         ]
 
     def _choose(self) -> None:
-        """Add up the scores at each distinct view, and drop the hypotheses that are ruled out."""
+        """Record the scores at each distinct view and drop the hypotheses that are ruled out."""
         view = self._hypotheses[0].found.pose[:3, :3]
         if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < _VIEW_ANGLE:
             return
@@ -255,7 +259,7 @@ class ModelFrontEndRun:
         return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
 
     def _since_first(self, hypothesis: _Hypothesis, number: int) -> Edge:
-        """Return the edge from the first frame of the search: ``T_MB'^-1 T_MB`` with the errors of both poses."""
+        """Return the edge from the first frame of the search, ``T_MB'^-1 T_MB``, with the errors of both poses."""
         between, covariance = relative(hypothesis.first, hypothesis.found)
         kind: Literal["odometry", "skip"] = "odometry" if number == hypothesis.first_number + 1 else "skip"
         return Edge(hypothesis.first_number, number, between, covariance, hypothesis.found.inliers, kind)
