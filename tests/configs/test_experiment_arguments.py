@@ -196,7 +196,7 @@ def test_the_mistakes_of_a_functor_that_no_file_names_are_one_text() -> None:
     )
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", 3)
-    assert functor_mistakes(caught.value) == "a reward is a mapping with the key `functor`, not 3"
+    assert functor_mistakes(caught.value) == "a reward must be a mapping with the key `functor`, not 3"
 
 
 def test_the_keys_of_another_release_of_ray_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:

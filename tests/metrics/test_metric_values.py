@@ -263,7 +263,7 @@ def test_metrics_that_do_not_fit_the_task_are_told():
     ("text", "told"),
     [
         ("DeltaVV", "did you mean `DeltaV`"),
-        ("ObservedPointsReward", "is a reward; a metric is wanted here"),
+        ("ObservedPointsReward", "is a reward; expected a metric here"),
         ("nowhere.Metric", "no module 'nowhere'"),
         (
             "{functor: TimeToCoverage, config: {fraction: 2}}",
