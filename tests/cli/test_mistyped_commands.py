@@ -74,7 +74,7 @@ def typed(capsys):
         (["leaderboard", "--board", "Three deputy"],
          "--board: no board is named 'Three deputy'; did you mean `Three deputies`?"),
         (["validate", "safe_inspect/Doking-v0"],
-         "no task has the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
+         "there is no task with the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
         (["view", "random", "--cfg", CFG, "--output", "page.txt"], "page.txt"),
         (["draw", "random", "--until", "0"], "a time above 0 in seconds is wanted, not '0'"),
     ],

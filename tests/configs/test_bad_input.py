@@ -178,13 +178,13 @@ def test_a_done_function_without_a_status(copied, tmp_path, monkeypatch):
     (tmp_path / "statusless.py").write_text("\n".join([*lines, "    def __call__(self, step): return step.dt < 0"]))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(registry._classes, "done", dict(registry.items("done")))
-    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; give its class one") as caught:
+    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; define one in its class") as caught:
         load_experiment(copied / "experiment.yml", ["dones.1={functor: statusless.StatuslessDone}"])
     assert "dones[1]" in str(caught.value)
 
 
 def test_overrides_that_are_one_text(copied):
-    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['horizon=30'\]"):
+    with pytest.raises(ConfigError, match=r"overrides must be a list of strings; write \['horizon=30'\]"):
         load_experiment(copied / "experiment.yml", "horizon=30")
 
 

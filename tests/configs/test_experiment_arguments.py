@@ -25,14 +25,14 @@ ONE = configs_root() / "translational-inspection" / "experiment.yml"
 @pytest.mark.parametrize(
     ("path", "overrides", "shown"),
     [
-        (3, (), "a configuration is the path of a file or the id of a task, not 3"),
-        ("", (), "a configuration is the path of a file or the id of a task, not ''"),
-        ({"config": {}}, (), "a configuration is the path of a file or the id of a task, not {'config': {}}; "
-         "`build_spec` takes a resolved one"),
-        ("safe_inspect/Dokcing-v0", (), "no task has the id 'safe_inspect/Dokcing-v0'; "
+        (3, (), "a configuration must be a file path or a task id, not 3"),
+        ("", (), "a configuration must be a file path or a task id, not ''"),
+        ({"config": {}}, (), "a configuration must be a file path or a task id, not {'config': {}}; "
+         "use `build_spec` for a resolved configuration"),
+        ("safe_inspect/Dokcing-v0", (), "there is no task with the id 'safe_inspect/Dokcing-v0'; "
          "did you mean `safe_inspect/Docking-v0`?"),
         ("Docking-v1", (), "no file or task 'Docking-v1'; did you mean `safe_inspect/Docking-v0`?"),
-        (ONE, "lr=1", "overrides are a list of texts; write ['lr=1']"),
+        (ONE, "lr=1", "overrides must be a list of strings; write ['lr=1']"),
         (ONE, (3,), "overrides: 3 is no text; write 'path.of.keys=value'"),
         (ONE, (3, "x"), "overrides: 3 is no text; write 'path.of.keys=value'\ncommand line: x: not an override; "
          "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"),
@@ -59,7 +59,7 @@ def test_a_former_id_stands_for_the_present_one_with_a_warning() -> None:
         experiment = load_experiment("safe_inspect/TranslationalInspection-v0")
     assert [str(one.message) for one in caught] == [
         "safe_inspect/TranslationalInspection-v0 is now called safe_inspect/TranslationalInspectionSeed-v0; use that "
-        "name (version 1 is another task, not a newer version)"
+        "name (version 1 is a different task, not a newer version)"
     ]
     assert Path(experiment.source) == configs_root() / ALL_TASKS["safe_inspect/TranslationalInspectionSeed-v0"]
 

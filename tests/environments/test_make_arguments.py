@@ -106,7 +106,7 @@ def test_a_plugin_that_ends_otherwise_is_named(what, told):
 @pytest.mark.parametrize("cfg", [None, 3, "", {"agent_config": {}}])
 def test_what_is_no_configuration_is_refused(cfg):
     for make in (safe_inspect.make, safe_inspect.make_vec, safe_inspect.make_parallel):
-        with pytest.raises(ConfigError, match="is the path of a file or the id of a task, not"):
+        with pytest.raises(ConfigError, match="must be a file path or a task id, not"):
             make(cfg)
 
 
