@@ -193,4 +193,4 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
 
 def _seed(rllib: Mapping[str, Any]) -> int:
     seed = rllib.get("seed")
-    return seed if isinstance(seed, int) and 0 <= seed < 2**64 else 0  # other values are reported with the keys of RLlib
+    return seed if isinstance(seed, int) and 0 <= seed < 2**64 else 0  # others are reported with the keys of RLlib

@@ -63,8 +63,8 @@ def test_a_component_takes_the_parameters_that_it_declares():
         ({"sea": {"entity_class": "Tide", "platform": "cwh", "config": {"height": 1}}}, "takes no `platform`"),
         ({name: {"entity_class": "Tide", "config": {"height": 1}} for name in "ab"}, "there is more than one Tide"),
         ({"sea": {"entity_class": "Tied"}}, "did you mean `Tide`"),
-        ({"sea": {"entity_class": "InspectionPoints"}}, "is no component with parameters here"),
-        ({"moon": {"platform": "six-dof"}}, "a body beside the deputies is a point"),
+        ({"sea": {"entity_class": "InspectionPoints"}}, "is not a component with reset parameters"),
+        ({"moon": {"platform": "six-dof"}}, "a body in addition to the deputies must be a point"),
     ],
 )
 def test_what_does_not_fit_is_named(entities, words):

@@ -66,7 +66,7 @@ def test_two_templates_have_platforms_of_their_own():
         ('[{name: "b#", count: 2.5, platforms: ["b#"]}]', "agent_config[0].count", "2.5"),
         ("[{name: b, count: 2, platforms: [b]}]", "agent_config[0].count", "`#`"),
         ('[{name: "b#", count: 2, platforms: [b]}]', "agent_config[0].count", "`#`"),
-        ("[{name: b, platforms: [b]}]", "platform_config[0].name", "no agent controls platforms 'blue#'"),
+        ("[{name: b, platforms: [b]}]", "platform_config[0].name", "no agent controls the platforms 'blue#'"),
     ],
 )
 def test_a_mistake_is_told_where_it_stands(agents, path, words):

@@ -120,7 +120,7 @@ def test_a_circle_of_includes(copied):
     with pytest.raises(ConfigError) as caught:
         load_experiment("configs/translational-inspection/experiment.yml")
     text = str(caught.value)
-    assert "in a circle" in text
+    assert "circular `!include`" in text
     assert "agent.yml -> " in text
     assert text.startswith(f"{FOLDER}/agent.yml:")
     assert "remove one `!include`" in text
@@ -198,7 +198,7 @@ def test_a_number_that_yaml_reads_in_another_base_is_refused(copied, text, value
     environment = copied / "environment.yml"
     environment.write_text(f"horizon: {text}\n" + environment.read_text().replace("horizon:", "# horizon:"))
     for overrides in ([], [f"horizon={text}"], [f"lr={text}"]):
-        with pytest.raises(ConfigError, match=f"YAML reads `{text}` as {value}; write {value} if that is meant"):
+        with pytest.raises(ConfigError, match=f"YAML reads `{text}` as {value}; write {value} if that is intended"):
             load_experiment(copied / "experiment.yml", overrides)
 
 
@@ -217,7 +217,7 @@ def test_other_numbers_and_quoted_texts_are_read(text):
     ],
 )
 def test_a_truth_value_is_no_number(override, want):
-    with pytest.raises(ConfigError, match=f"wants {want}, got"):
+    with pytest.raises(ConfigError, match=f"expected {want}, got"):
         load_experiment("configs/translational-inspection/experiment.yml", [override])
 
 

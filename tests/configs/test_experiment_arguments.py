@@ -33,8 +33,8 @@ ONE = configs_root() / "translational-inspection" / "experiment.yml"
          "did you mean `safe_inspect/Docking-v0`?"),
         ("Docking-v1", (), "no file or task 'Docking-v1'; did you mean `safe_inspect/Docking-v0`?"),
         (ONE, "lr=1", "overrides must be a list of strings; write ['lr=1']"),
-        (ONE, (3,), "overrides: 3 is no text; write 'path.of.keys=value'"),
-        (ONE, (3, "x"), "overrides: 3 is no text; write 'path.of.keys=value'\ncommand line: x: not an override; "
+        (ONE, (3,), "overrides: 3 is not a string; write 'path.of.keys=value'"),
+        (ONE, (3, "x"), "overrides: 3 is not a string; write 'path.of.keys=value'\ncommand line: x: not an override; "
          "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"),
     ],
 )  # fmt: skip
@@ -167,19 +167,19 @@ def test_a_value_is_shown_shortly(value: Any, text: str) -> None:
         ("value_error", "Value error, it is wrong", {}, ("it is wrong", "")),
         ("assertion_error", "Assertion failed, it is wrong", {}, ("it is wrong", "")),
         ("odd_type", "Input is odd", {"input": 3}, ("input is odd, got 3", "")),
-        ("greater_than", "", {"input": -1, "ctx": {"gt": 0.0}}, ("wants a number above 0, got -1", "")),
-        ("less_than_equal", "", {"input": 9, "ctx": {"le": 0.1}}, ("wants a number of 0.1 or less, got 9", "")),
-        ("too_long", "", {"input": [1, 2], "ctx": {"max_length": 1}}, ("wants at most 1 items, got [1, 2]", "")),
+        ("greater_than", "", {"input": -1, "ctx": {"gt": 0.0}}, ("expected a number above 0, got -1", "")),
+        ("less_than_equal", "", {"input": 9, "ctx": {"le": 0.1}}, ("expected a number of 0.1 or less, got 9", "")),
+        ("too_long", "", {"input": [1, 2], "ctx": {"max_length": 1}}, ("expected at most 1 items, got [1, 2]", "")),
         ("string_pattern_mismatch", "", {"input": "?", "ctx": {"pattern": "^a$"}},
-         ("wants a text of the form of the regular expression `^a$`, got '?'", "")),
+         ("expected a string that matches the regular expression `^a$`, got '?'", "")),
         ("string_pattern_mismatch", "", {"input": "?", "ctx": {"pattern": "^(quick|normal|thorough)$"}},
-         ("wants quick, normal or thorough, got '?'", "")),
+         ("expected quick, normal or thorough, got '?'", "")),
         ("literal_error", "", {"input": "lose", "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 'lose'", "did you mean `loose`?")),
+         ("expected 'loose' or 'tight', got 'lose'", "did you mean `loose`?")),
         ("literal_error", "", {"input": "zzz", "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 'zzz'", "")),
+         ("expected 'loose' or 'tight', got 'zzz'", "")),
         ("literal_error", "", {"input": 3, "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 3", "")),
+         ("expected 'loose' or 'tight', got 3", "")),
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_in_plain_words(kind: str, said: str, more: dict[str, Any], shown: tuple[str, str]) -> None:
@@ -192,7 +192,7 @@ def test_the_mistakes_of_a_functor_that_no_file_names_are_one_text() -> None:
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", {"functor": "ObservedPointsReward", "config": {"scale": "x", "weighted_priority": 3}})
     assert functor_mistakes(caught.value) == (
-        "config.scale: wants a number, got 'x'; config.weighted_priority: wants `true` or `false`, got 3"
+        "config.scale: expected a number, got 'x'; config.weighted_priority: expected `true` or `false`, got 3"
     )
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", 3)

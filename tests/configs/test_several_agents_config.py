@@ -143,7 +143,7 @@ MISTAKES = {
     ),
     "an algorithm and a scripted policy": (
         f"{entry('a', 'x')}\n{entry('b', 'y', 'policy: {algorithm: PPO, functor: ZeroThrust}')}", platforms("x", "y"),
-        "agent_config[1].policy", "exclude each other",
+        "agent_config[1].policy", "mutually exclusive",
     ),
     "two algorithms": (
         f"{entry('a', 'x')}\n{entry('b', 'y', 'policy: {algorithm: APPO}')}", platforms("x", "y"),

@@ -267,7 +267,7 @@ def test_metrics_that_do_not_fit_the_task_are_told():
         ("nowhere.Metric", "no module 'nowhere'"),
         (
             "{functor: TimeToCoverage, config: {fraction: 2}}",
-            "config.fraction: wants a number of 1 or less, got 2",
+            "config.fraction: expected a number of 1 or less, got 2",
         ),
         ("{functor: TimeToCoverage", "not valid YAML"),
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),
