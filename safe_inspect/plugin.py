@@ -1,3 +1,3 @@
-"""The former name of `safe_inspect.plugins`, kept for a release."""
+"""The former name of `safe_inspect.plugins`, available for one more release."""
 
 from safe_inspect.plugins import *  # noqa: F403

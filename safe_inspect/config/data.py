@@ -1,4 +1,4 @@
-"""Where the configurations that come with the package lie."""
+"""The location of the configurations that are part of the package."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def configs_root() -> Path:
-    """Return the folder of the package's configurations: inside the package, or beside it in a checkout."""
+    """Return the folder of the package's configurations: inside the package, or next to it in a checkout."""
     inside = _PACKAGE / "configs"
     return inside if inside.is_dir() else _PACKAGE.parent / "configs"

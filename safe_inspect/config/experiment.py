@@ -1,4 +1,4 @@
-"""`load_experiment`: from a file and overrides to a checked `Experiment`; all mistakes are reported at once."""
+"""`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ class Experiment:
     """A checked experiment.
 
     Attributes:
-        source: The file that it was loaded from.
-        tree: The whole resolved configuration with the place of every value: includes read, lists merged,
-            overrides applied, references still by name. Loading it again gives the same experiment.
+        source: The file from which it was loaded.
+        tree: The whole resolved configuration with the location of every value: files are included, lists merged and
+            overrides applied; references are still names. Loading it again results in the same experiment.
         config: The validated models.
         spec: The environment.
-        rllib: RLlib keys of the task, and over them those that all policies that learn give alike.
+        rllib: RLlib keys of the task, overridden by those that all trained policies have in common.
         algorithm: Name of the RLlib algorithm.
-        policies: Policies by name, in agent order; scripted ones are part of the environment. Their `config` holds what
-            is not in `rllib`.
+        policies: Policies by name, in agent order, without scripted ones, which are part of the environment. Their
+            `config` contains the keys that are not in `rllib`.
     """
 
     source: str
@@ -73,26 +73,26 @@ def load_experiment(
 
     Args:
         path: The file, or an id such as ``safe_inspect/TranslationalInspectionSeed-v0``.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
-        compute_platform: Which of the task's `rllib_configs` is used; ``default`` where it is missing.
+        overrides: ``path.of.keys=value`` for each value to replace.
+        compute_platform: Name of the task's `rllib_configs` to use; ``default`` if that name does not exist.
 
     Raises:
-        ConfigError: With every mistake, each with its file, line and path of keys.
+        ConfigError: The experiment has mistakes; all are listed, each with its file, line and path of keys.
     """
     if isinstance(overrides, str):
-        raise ConfigError(Problem("overrides are a list of texts", hint=f"write [{overrides!r}]"))
+        raise ConfigError(Problem("overrides must be a list of strings", hint=f"write [{overrides!r}]"))
     if not isinstance(path, str | os.PathLike) or not os.fspath(path):
-        hint = "; `build_spec` takes a resolved one" if isinstance(path, Mapping) else ""
-        raise ConfigError(Problem(f"a configuration is the path of a file or the id of a task, not {path!r:.60}{hint}"))
+        hint = "; use `build_spec` for a resolved configuration" if isinstance(path, Mapping) else ""
+        raise ConfigError(Problem(f"a configuration must be a file path or a task id, not {path!r:.60}{hint}"))
     name = os.fspath(path)
     if name in FORMER_IDS:
         former, name = name, FORMER_IDS[name]
-        text = f"{former} is now called {name}; use that name (version 1 is another task, not a newer version)"
+        text = f"{former} is now called {name}; use that name (version 1 is a different task, not a newer version)"
         warnings.warn(text, FutureWarning, stacklevel=2)
     if name in ALL_TASKS:
         path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)
     elif name.startswith("safe_inspect/") and not os.path.exists(name):
-        raise ConfigError(Problem(f"no task has the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
+        raise ConfigError(Problem(f"there is no task with the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
     elif not os.path.exists(name) and not os.path.dirname(name) and not os.path.splitext(name)[1]:
         near = get_close_matches(name, [task.partition("/")[2] for task in ALL_TASKS], n=1)
         if near:
@@ -102,10 +102,10 @@ def load_experiment(
 
 
 def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "local") -> Experiment:
-    """Check a resolved configuration, such as `Experiment.resolved`.
+    """Build a checked experiment from a resolved configuration, such as `Experiment.resolved`.
 
     Raises:
-        ConfigError: With every mistake.
+        ConfigError: The configuration has mistakes; all are listed.
     """
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
@@ -135,7 +135,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
 
 
 def _told_once(problems: list[Problem]) -> list[Problem]:
-    """Leave out what a template repeats for each of its agents: the same mistake in the same place of a file."""
+    """Return the problems without those that a template repeats for each of its agents (same place, same mistake)."""
     seen: set[Any] = set()
     kept = []
     for problem in problems:
@@ -149,11 +149,11 @@ def _told_once(problems: list[Problem]) -> list[Problem]:
 def _rllib(
     config: ExperimentConfig, policies: dict[str, PolicySpec], compute_platform: str, report: Any
 ) -> tuple[dict[str, Any], dict[str, PolicySpec]]:
-    """Return the RLlib keys that concern all policies, and the policies with what each has of its own."""
+    """Return the RLlib keys that apply to all policies, and the policies with their additional keys."""
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
     if configs and name not in configs:
-        text = f"no {compute_platform!r} here; {did_you_mean(compute_platform, configs)}"
+        text = f"there is no {compute_platform!r}; {did_you_mean(compute_platform, configs)}"
         report(("config", "config", "rllib_configs"), text)
     learning = [policy.config for policy in policies.values() if policy.trains]
     common = {
@@ -169,16 +169,16 @@ def _rllib(
 
 
 def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> int:
-    """Return the time limit; it may stand in the environment or, as the peer has it, among the RLlib keys.
+    """Return the time limit from the environment or, as in safe-autonomy-sims, from the RLlib keys.
 
-    Where both have one the environment's holds, as it does for the peer; that of the RLlib keys stays among them, so
-    that a training notes that it has no effect.
+    If both contain one, that of the environment applies, as in safe-autonomy-sims; that of the RLlib keys is not
+    removed, so that training reports that it has no effect.
     """
     own, other = config.config.config.env_config.horizon, rllib.get("horizon")
     if own is None or own == other:
         rllib.pop("horizon", None)
     if other is not None and (isinstance(other, bool) or not isinstance(other, int) or not 1 <= other <= MAX_HORIZON):
-        message = f"`horizon` is a number of steps from 1 to {MAX_HORIZON}, not {other!r}"
+        message = f"`horizon` must be a number of steps from 1 to {MAX_HORIZON}, not {other!r}"
         report(("config", "config", "rllib_configs"), message)
         other = None
     horizon = own or other
@@ -187,10 +187,10 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
             limit = done.functor.horizon if isinstance(done.functor, EpisodeLengthDone) else None
             if limit is not None and horizon is not None and limit != horizon:
                 second = ("agent_config", index, "config", "config", "dones", place)
-                report(second, f"the horizon is {limit} here and {horizon} in the environment; give it once")
+                report(second, f"the horizon is {limit} here but {horizon} in the environment; remove one of them")
     return horizon or 1224
 
 
 def _seed(rllib: Mapping[str, Any]) -> int:
     seed = rllib.get("seed")
-    return seed if isinstance(seed, int) and 0 <= seed < 2**64 else 0  # others are told with the keys of RLlib
+    return seed if isinstance(seed, int) and 0 <= seed < 2**64 else 0  # others are reported with the keys of RLlib

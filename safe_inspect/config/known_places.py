@@ -1,4 +1,4 @@
-"""Where a key may stand that no file has: by the models of the files, the fields of plugins and RLlib's tables."""
+"""Positions at which a key is permitted, even if no file has it: from models, fields of plugins and RLlib's tables."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _STOP = (*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED)
 
 
 def with_empty_mappings(tree: Any) -> Any:
-    """Return an experiment in which the mappings of RLlib, Tune and Ray exist, empty where no file has them.
+    """Return an experiment with empty mappings for RLlib, Tune and Ray where no file has them.
 
-    A tree that is no experiment is returned as it is.
+    A tree that is not an experiment is returned unchanged.
     """
     body: Any = tree
     for key in _TASK:
@@ -42,7 +42,7 @@ def with_empty_mappings(tree: Any) -> Any:
 
 
 def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
-    """Return whether the mapping at a path of an experiment may have a key."""
+    """Return whether the mapping at a path of an experiment may contain a key."""
     if path[:2] == _TASK:
         if path[2:3] == ("rllib_configs",) and len(path) == 4:
             return key in _RLLIB or key in old_keys.SPELLINGS
@@ -58,7 +58,7 @@ def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
 
 
 def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a path of an experiment leads into the fields of a plugin."""
+    """Return whether a path of an experiment is inside the fields of a plugin."""
     for key in path:
         if key == "config" and plugin_of(tree) is not None:
             return True
@@ -67,14 +67,14 @@ def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
 
 
 def learning_keys(tree: Any) -> set[str]:
-    """Return the keys of RLlib, Tune and Ray that an experiment may have; none for other trees."""
+    """Return the keys of RLlib, Tune and Ray that are permitted in an experiment; none for other trees."""
     if with_empty_mappings(tree) is tree:
         return set()
     return {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
 
 
 def spellings(key: str) -> Iterator[str]:
-    """Yield a key, and then the other names that it has among RLlib's and Tune's."""
+    """Yield a key, then its other names for RLlib and Tune."""
     yield key
     current = old_keys.RENAMED.get(key, old_keys.SPELLINGS.get(key, key))
     for table in (old_keys.RENAMED, old_keys.SPELLINGS, old_keys.MODEL_RENAMED, run_keys.TUNE_RENAMED):

@@ -1,4 +1,4 @@
-"""From the layers of an experiment, another one and what differs from it, to one tree with every key at its place."""
+"""Layers of an experiment: merges an experiment and the differences from it into one tree with every key in place."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from safe_inspect.config.models.experiment import AgentBody, ExperimentConfig, T
 from safe_inspect.config.overrides import with_value
 from safe_inspect.errors import ConfigError, Problem
 
-#: The lists of mappings that are merged from left to right, by their path in the task.
+#: The keys of a task whose lists of mappings are merged from left to right.
 _MERGED = ("ray_config", "env_config", "tune_config")
-#: Where the body of a task or an agent stands, and the keys of the two.
+#: Path of the body of a task or an agent, and the keys of both.
 _BODY = ("config", "config")
 _TASK_KEYS, _AGENT_KEYS = frozenset(TaskBody.model_fields), frozenset(AgentBody.model_fields)
 
 
 def experiment_tree(tree: Any, path: str) -> LocatedDict:
-    """Return a loaded experiment as one mapping: files that plain paths name are read, lists of mappings merged.
+    """Return a loaded experiment as one mapping: files given by plain paths are read, lists of mappings are merged.
 
     Args:
-        tree: The experiment, or a list of layers: another experiment, and what differs from it.
-        path: Its file, for messages.
+        tree: The experiment, or a list of layers: an experiment, then mappings with differences from it.
+        path: Path of its file, for messages.
 
     Raises:
-        ConfigError: It is no experiment, or a layer does not fit what it is laid over.
+        ConfigError: It is not an experiment, or a layer does not match the layers below.
     """
     whole: Any = None
     for layer in _layers(tree):
@@ -38,7 +38,7 @@ def experiment_tree(tree: Any, path: str) -> LocatedDict:
 
 
 def _layers(tree: Any) -> Iterator[Any]:
-    """Yield the layers of lists in lists; what is no list is one."""
+    """Yield the layers of nested lists; anything other than a list is one layer."""
     if isinstance(tree, list) and all(isinstance(layer, (dict, list)) for layer in tree):
         for layer in tree:
             yield from _layers(layer)
@@ -47,9 +47,9 @@ def _layers(tree: Any) -> Iterator[Any]:
 
 
 def _merged(tree: Any, path: str) -> LocatedDict:
-    """Read the files that are named by plain paths, and merge the lists of mappings; any file may be such a list."""
+    """Read the files that are given by plain paths, and merge lists of mappings; any file may contain such a list."""
     if not isinstance(tree, LocatedDict) or not {"platform_config", "agent_config"} & set(tree):
-        text = "not an experiment: it has the keys `config`, `platform_config` and `agent_config`"
+        text = "not an experiment: an experiment has the keys `config`, `platform_config` and `agent_config`"
         hint = f"give the experiment file, not {os.path.basename(path)!r}"
         raise ConfigError(Problem(text, location=locate(tree, ()), hint=hint))
 
@@ -79,13 +79,14 @@ def _merged(tree: Any, path: str) -> LocatedDict:
 
 
 def _spelled_out(layer: Any, whole: Any) -> Any:
-    """Return a layer of an experiment with its short keys at their places.
+    """Return a layer of an experiment with its short keys moved to their full paths.
 
-    A key of the task's body may stand at the root, the name of an agent too, and a key of an agent's body in its entry.
+    A key of the task's body may be at the root, as may the name of an agent; a key of an agent's body may be in its
+    entry.
 
     Args:
         layer: A layer; it is not changed.
-        whole: The experiment that it is laid over, with the names of the agents.
+        whole: The experiment below the layer, with the names of the agents.
     """
     if not isinstance(layer, LocatedDict):
         return layer
@@ -100,7 +101,7 @@ def _spelled_out(layer: Any, whole: Any) -> Any:
 
 
 def _moved(mapping: Any, keys: Set[str], place: tuple[str, ...]) -> Any:
-    """Return a mapping in which some keys, with or without ``+``, stand at a place below it."""
+    """Return a mapping with some of its keys, with or without ``+``, moved to a path inside it."""
     if not isinstance(mapping, LocatedDict):
         return mapping
     moved = [key for key in mapping if str(key).removesuffix(APPEND) in keys]
@@ -121,7 +122,7 @@ def _moved(mapping: Any, keys: Set[str], place: tuple[str, ...]) -> Any:
 
 
 def _entry(item: Any, keys: tuple[str, ...]) -> Any:
-    """Give an entry that is written as a list the keys of the mapping that it stands for."""
+    """Return an entry that is written as a list as a mapping with these keys."""
     if not isinstance(item, LocatedList) or len(item) > len(keys):
         return item
     marks = {key: locate(item, (index,)) for index, key in enumerate(keys[: len(item)])}

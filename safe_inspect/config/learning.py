@@ -1,4 +1,4 @@
-"""Check that an experiment can be learned, and give mistakes of its training their places; nothing here loads Ray."""
+"""Checks that an experiment can be trained, and locations of mistakes in training keys; nothing here loads Ray."""
 
 from __future__ import annotations
 
@@ -21,51 +21,51 @@ _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
 
 def placed(experiment: Experiment, problems: Sequence[Problem]) -> list[Problem]:
-    """Give problems whose path begins with `rllib_configs`, `tune_config` or `ray_config` their place in the files."""
+    """Return problems whose paths start with `rllib_configs`, `tune_config` or `ray_config`, with their locations."""
     return [_placed(experiment, problem) for problem in problems]
 
 
 def learning_problems(experiment: Experiment) -> list[Problem]:
-    """Return why the policies cannot learn the task: an algorithm that does not take its actions, no reward."""
+    """Return the reasons why the policies cannot learn: an algorithm without support for the actions, or no reward."""
     return [*_unfit_actions(experiment), *_unrewarded(experiment)]
 
 
 def flight_note(experiment: Experiment) -> str:
-    """Return what to tell of an algorithm whose policies `evaluate` and `export` refuse; empty for the others."""
+    """Return a note about policies that `evaluate` and `export` do not support; empty if they do."""
     config = next(policy.config for policy in experiment.policies.values() if policy.trains)
     keys = {RENAMED.get(key, key): value for key, value in {**experiment.rllib, **config}.items()}
     model = keys.get("model_config") or {}
     recurrent = isinstance(model, Mapping) and model.get("use_lstm")
     changing = next((key for key in CHANGING_KEYS if keys.get(key)), None)
     if changing:
-        return f"policies train and resume, but are not flown: `{changing}` stands for code that no policy's file holds"
+        return f"policies can be trained, but not evaluated: no policy file can contain the code of `{changing}`"
     if experiment.algorithm in FLOWN_ALGORITHMS:
         exported = not recurrent or experiment.algorithm != "DQN"
-        return "" if exported else "recurrent policies of DQN are not exported to ONNX"
+        return "" if exported else "recurrent policies of DQN cannot be exported to ONNX"
     others = ", ".join(FLOWN_ALGORITHMS)
-    return f"policies of {experiment.algorithm} train and resume, but are not flown; those of {others} are"
+    return f"policies of {experiment.algorithm} can be trained, but not evaluated; those of {others} can"
 
 
 def _unfit_actions(experiment: Experiment) -> list[Problem]:
-    """Return the mistake of an algorithm that cannot learn the actions of the task, with the remedy."""
+    """Return the mistake of an algorithm that does not support the actions of the task, with a hint."""
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     leaves = [(leaf, agent) for agent in agents for glue in agent.action_glues for leaf in glue.leaves()]
     counts = [count for leaf, agent in leaves for count in leaf.choices(agent.parts)]
     levels = any(counts)
-    actions = "choices among levels, one for each controller" if all(counts) else "real numbers"
-    actions = f"{actions} and choices" if levels and not all(counts) else actions
+    actions = "discrete, one level for each controller" if all(counts) else "real numbers"
+    actions = f"{actions} and discrete" if levels and not all(counts) else actions
     path = "rllib_configs.algorithm"
     if experiment.algorithm == "DQN" and not all(counts):
         hint = "replace ControllerGlue by DiscreteControllerGlue, or use SAC or PPO"
-        return [Problem(f"DQN learns choices, and the actions are {actions}", path, hint=hint)]
+        return [Problem(f"DQN supports only discrete actions, but these are {actions}", path, hint=hint)]
     if experiment.algorithm == "SAC" and levels:
         hint = "replace DiscreteControllerGlue by ControllerGlue, or use PPO"
-        return [Problem(f"SAC learns real numbers, and the actions are {actions}", path, hint=hint)]
+        return [Problem(f"SAC supports only continuous actions, but these are {actions}", path, hint=hint)]
     return []
 
 
 def _unrewarded(experiment: Experiment) -> list[Problem]:
-    """Return the policies that cannot learn, as none of their agents has a reward."""
+    """Return the policies that cannot learn because none of their agents has a reward."""
     rewards = {agent.name: agent.rewards for agent in experiment.spec.agents}
     return [
         Problem(
@@ -99,7 +99,7 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
 
 
 def _places_of_policy(experiment: Experiment, path: str) -> list[_KeyPath]:
-    """Return where ``policies.NAME.KEY`` may stand: in the entry, or the template, of an agent of that policy."""
+    """Return the possible paths of ``policies.NAME.KEY``: in the entry, or the template, of an agent of that policy."""
     rest = path.removeprefix("policies.")
     named = [policy for name, policy in experiment.policies.items() if rest == name or rest.startswith(f"{name}.")]
     if not named:

@@ -1,11 +1,10 @@
-"""Overrides of the command line: ``key=value`` with a dotted path into the tree.
+"""Overrides on the command line: ``key=value`` with a dotted path into the tree.
 
-A component of the path is a key, or for the items of a list an index (``list.0`` or ``list[0]``) or a name:
-the item's ``name``, the class it names, or its controller or sensor. A path whose first
-component is not at the root is the end of a path, and stands for the one place
-that it fits. Where no file has the last component, it stands for the one place that may have it
-(`safe_inspect.config.known_places`); a word of another library is not taken for a key. ``~path`` removes a key
-or an item.
+A component of the path is a key or, for the items of a list, an index (``list.0`` or ``list[0]``) or a name:
+the item's ``name``, its class, or its controller or sensor. A path whose first component is not at the root is the
+end of a path, which must match exactly one position. If no file contains the last component, the path must match the
+one position that may contain it (`safe_inspect.config.known_places`); words of other libraries are not accepted as
+keys. ``~path`` removes a key or an item.
 """
 
 from __future__ import annotations
@@ -30,30 +29,30 @@ from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import ConfigError, Location, Problem
 
-#: An index as messages write it: ``agent_config[0].policy``.
+#: An index in the form of messages: ``agent_config[0].policy``.
 _INDEX = re.compile(r"\[(\d+)\]")
 
 Found = tuple[Any, ...]
 
 
 def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
-    """Replace values of a tree by those of the command line, one after the other.
+    """Override values of a tree by those of the command line, in the given order.
 
     Args:
         tree: A loaded configuration.
-        overrides: Texts such as ``rllib_config.lr=1e-4`` or ``ObservedPointsReward.config.scale=0.02``;
+        overrides: Strings such as ``rllib_config.lr=1e-4`` or ``ObservedPointsReward.config.scale=0.02``;
             the value is YAML.
 
     Returns:
         A new tree; the given one is not changed.
 
     Raises:
-        ConfigError: With every override that is malformed, fits nothing or fits several places.
+        ConfigError: Overrides are malformed, or match no or several positions; all are listed.
     """
     problems: list[Problem] = []
     for override in overrides:
         if not isinstance(override, str):
-            problems.append(Problem(f"overrides: {override!r:.60} is no text", hint="write 'path.of.keys=value'"))
+            problems.append(Problem(f"overrides: {override!r:.60} is not a string", hint="write 'path.of.keys=value'"))
             continue
         location = Location(COMMAND_LINE, 0, text=override)
         try:
@@ -74,7 +73,7 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         raise ConfigError(Problem("not an override", location=location, hint=hint))
     parts = _with_platform(tree, parts)
     found = _existing(tree, parts)
-    if len(parts) == 1:  # a reference is the name of a key; its value is meant
+    if len(parts) == 1:  # a reference is only the name of a key; the override is for its value
         found = [path for path in found if path[-2:-1] != ("references",)] or found
     if removes:
         if len(found) == 1:
@@ -97,25 +96,25 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
 
 
 def _several(tree: Any, parts: list[str], found: list[Found], text: str, location: Location) -> Problem:
-    """Say which places a path fits; where the same number stands in all, how to replace each."""
+    """Return the problem of a path with several matches; the hint lists an override of each if all values are equal."""
     names = [_shortest(tree, path, parts) for path in found[:12]]
     more = f" and {len(found) - 12} more" if len(found) > 12 else ""
     hint = f"write one of {', '.join(f'`{name}`' for name in names)}{more}"
     numbers = {_number(tree, path) for path in found}
     if not more and text and len(numbers) == 1 and None not in numbers:
         hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
-    return Problem(f"`{'.'.join(parts)}` fits {len(found)} places", location=location, hint=hint)
+    return Problem(f"`{'.'.join(parts)}` matches {len(found)} keys", location=location, hint=hint)
 
 
 def _existing(tree: Any, parts: list[str]) -> list[Found]:
-    """Return every place of the tree that a path fits, from the root or as the end of a path."""
+    """Return every position in the tree that a path matches, from the root or as the end of a path."""
     if any(True for _ in _steps(tree, parts[0])):
         return _walk(tree, parts)
     return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
 
 
 def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
-    """Return a path from the innermost item of a list with a name, where that fits no other place; else all of it."""
+    """Return the path from the innermost named item of a list if it is unique, otherwise the whole path."""
     for depth in range(len(path) - len(parts), 0, -1):
         holder = _at(tree, path[:depth])
         for name in names_of(holder[path[depth]]) if isinstance(holder, list) else ():
@@ -126,13 +125,13 @@ def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
 
 
 def _fits_alone(tree: Any, parts: list[str], path: Found) -> bool:
-    """Return whether a path fits one place alone; that of a key which no file has by the mapping that may hold it."""
+    """Return whether a path has one match; a key that no file has is matched by the mapping that may contain it."""
     found = _existing(tree, parts)
     return found == [path] if found else _existing(tree, parts[:-1]) == [path[:-1]]
 
 
 def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
-    """Return the tree and every place that a path fits whose key no file has, or has by another of its names."""
+    """Return the tree and every match of a path whose key no file has, or has by another of its names."""
     for name in spellings(parts[-1]):
         found = _existing(tree, [*parts[:-1], name])
         if found:
@@ -150,7 +149,7 @@ def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
 
 
 def _with_platform(tree: Any, parts: list[str]) -> list[str]:
-    """Return a path in which the only compute platform stands after `rllib_configs`, where it is left out."""
+    """Return a path with the only compute platform inserted after `rllib_configs`, if it is missing."""
     for index, part in enumerate(parts[:-1]):
         for path in _existing(tree, ["rllib_configs"]) if part == "rllib_configs" else ():
             names = [str(name) for name in _at(tree, path) or ()]
@@ -160,7 +159,7 @@ def _with_platform(tree: Any, parts: list[str]) -> list[str]:
 
 
 def _removed(tree: Any, path: Found) -> Any:
-    """Return the tree without what stands at a path."""
+    """Return the tree without the value at a path."""
     holder = _at(tree, path[:-1])
     if isinstance(holder, Mapping):
         rest: Any = LocatedDict(holder, getattr(holder, "marks", None), getattr(holder, "location", None))
@@ -178,7 +177,7 @@ def _removed(tree: Any, path: Found) -> Any:
 
 
 def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
-    """Say which component is the first that fits nothing, and what is near it."""
+    """Return the problem of a path without a match: its first unknown component and similar names."""
     known: set[str] = set()
     if any(True for _ in _steps(tree, parts[0])):
         depth = next(count for count in range(len(parts) - 1, 0, -1) if _walk(tree, parts[:count]))
@@ -189,10 +188,10 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         known = {key for path in holders for key in known_keys(tree, path, ExperimentConfig)}
     if holders:
         known = known.union(*(_names(_at(tree, path)) for path in holders))
-        message = f"nothing is called `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
+        message = f"there is no `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
         hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
         hint = hint or (key_hint(parts[depth], known) if known else "")
-        return Problem(message if known else f"{message}, which holds no keys", "", location, hint)
+        return Problem(message if known else f"{message}, which contains no keys", "", location, hint)
     for path in _containers(tree):
         known |= _names(_at(tree, path))
     first = next((part for part in parts if part not in known), None)
@@ -200,23 +199,23 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     if first is None:
         message = f"no path of the configuration ends in `{'.'.join(parts)}`"
         return Problem(message, "", location, "write it from the root")
-    return Problem(f"nothing is called `{first}` in the configuration", "", location, key_hint(first, known))
+    return Problem(f"there is no `{first}` in the configuration", "", location, key_hint(first, known))
 
 
 def _written_alone(tree: Any, parts: list[str]) -> str:
-    """Return the hint to write the last component alone where that fits one place, else nothing."""
+    """Return the hint to write only the last component if it has one match, otherwise an empty string."""
     return f"write `{parts[-1]}=...`" if len(_missing(tree, parts[-1:])[1]) == 1 else ""
 
 
 def _walk(node: Any, parts: list[str]) -> list[Found]:
-    """Return every existing path below a node that the components fit."""
+    """Return all existing paths below a node that the components match."""
     if not parts:
         return [()]
     return [step + rest for step in _steps(node, parts[0]) for rest in _walk(_at(node, step), parts[1:])]
 
 
 def _steps(node: Any, part: str) -> Iterator[Found]:
-    """Yield the steps from a node that one component fits."""
+    """Yield the steps from a node that one component matches."""
     if isinstance(node, Mapping):
         yield from ((key,) for key in node if str(key) == part)
     elif isinstance(node, list):
@@ -232,7 +231,7 @@ def _steps(node: Any, part: str) -> Iterator[Found]:
 
 
 def _names(node: Any) -> set[str]:
-    """Return what can be written after the path of a node."""
+    """Return the names that can follow the path of a node."""
     if isinstance(node, Mapping):
         return {str(key) for key in node}
     names: set[str] = set()
@@ -260,7 +259,7 @@ def _at(tree: Any, path: Found) -> Any:
 
 
 def _number(tree: Any, path: Found) -> float | None:
-    """Return the number at a path, without its unit; None where none is."""
+    """Return the number at a path, without its unit, or None if there is none."""
     holder = _at(tree, path[:-1])
     value = holder[path[-1]] if has(holder, path[-1]) else None
     try:
@@ -278,6 +277,6 @@ def with_value(tree: Any, path: Found, value: Any, location: Location | None) ->
     copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
     copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
     if not rest and location is not None:
-        copied.marks.pop(key, None)  # the newest comes last
+        copied.marks.pop(key, None)  # so that the newest key comes last
         copied.marks[key] = location
     return copied

@@ -1,4 +1,4 @@
-"""`EnvironmentSpec`: a validated environment, made of plugins; what a configuration becomes."""
+"""`EnvironmentSpec`: the specification of a validated environment, made of plugins."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from safe_inspect.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class AgentSpec:
-    """One agent: a platform, and what it sees, does, earns and ends on.
+    """Specification of an agent: its platform, observation, action, rewards and dones.
 
     Attributes:
         name: Name of the agent.
@@ -28,9 +28,9 @@ class AgentSpec:
         parts: Parts of the platform, by name.
         glues: Glues, in the order of the observation and the action.
         rewards: Terms of the reward, by name.
-        dones: What ends the episode, by name.
-        policy: Name of the policy that flies the agent; agents of one name share one policy.
-        scripted_policy: What flies the agent inside the environment; None: actions come from outside.
+        dones: Done functions, by name.
+        policy: Name of the agent's policy; agents with the same policy name share one policy.
+        scripted_policy: Policy that acts inside the environment, or None if the caller gives the actions.
     """
 
     name: str
@@ -43,7 +43,7 @@ class AgentSpec:
     scripted_policy: ScriptedPolicy | None = None
 
     def same_terms(self, other: AgentSpec) -> bool:
-        """Return whether another agent differs in its names alone, so that both can be computed together."""
+        """Return whether another agent differs only in its names, so that both can be computed together."""
         return (
             list(self.parts) == list(other.parts)
             and self.parts == other.parts
@@ -60,26 +60,26 @@ class AgentSpec:
 
     @property
     def observation_glues(self) -> tuple[ObservationGlue, ...]:
-        """The glues that make the observation, in its order."""
+        """The glues of the observation, in its order."""
         return tuple(glue for glue in self.glues if isinstance(glue, ObservationGlue))
 
     @property
     def action_glues(self) -> tuple[ActionGlue, ...]:
-        """The glues that take the action, in its order."""
+        """The glues of the action, in its order."""
         return tuple(glue for glue in self.glues if isinstance(glue, ActionGlue))
 
 
 @dataclass(frozen=True)
 class PolicySpec:
-    """What trains, or a checkpoint that flies, agents whose actions come from outside the environment.
+    """Specification of a policy, to train or from a checkpoint, for agents that the caller controls.
 
     Attributes:
         name: Name of the policy.
-        agents: Names of the agents that it flies.
+        agents: Names of its agents.
         algorithm: Name of the RLlib algorithm; empty for a checkpoint.
-        config: RLlib keys, over the task's.
+        config: RLlib keys, which override the task's.
         checkpoint: Folder of the checkpoint of a policy that is not trained.
-        source_policy: Name of the policy in that checkpoint; None: it holds one.
+        source_policy: Name of the policy in that checkpoint; None if it contains one.
     """
 
     name: str
@@ -97,19 +97,19 @@ class PolicySpec:
 
 @dataclass(frozen=True)
 class EnvironmentSpec:
-    """A whole environment.
+    """Specification of an environment.
 
     Attributes:
         simulator: The simulator.
         platforms: Platforms by name, in agent order.
-        agents: The agents; the deputies stand in their order.
-        reset: How an episode begins.
-        step_size: Length of a step [s].
-        seed: Seed of the run unless one is given.
-        shared_dones: What ends the episode of all agents, by name.
-        team_safety: The safety filter that acts on all deputies together, where there is one.
-        ended_thrust_on: Whether the spacecraft of an agent that has ended holds its last thrust for ever, as the
-            peer's does; else it coasts.
+        agents: The agents; the deputies are in the same order.
+        reset: The distribution of initial states.
+        step_size: Duration of a step [s].
+        seed: Default seed of the run.
+        shared_dones: Done functions of all agents together, by name.
+        team_safety: The safety filter of all deputies together, if there is one.
+        ended_thrust_on: Whether the spacecraft of an agent that has ended keeps its last thrust permanently, as in
+            safe-autonomy-sims; otherwise it coasts.
     """
 
     simulator: Simulator
@@ -123,7 +123,7 @@ class EnvironmentSpec:
     ended_thrust_on: bool = False
 
     def names(self, agent: AgentSpec) -> dict[str, set[str]]:
-        """Return what the fields of an agent's plugins may name, by kind."""
+        """Return the names that the fields of an agent's plugins may refer to, by kind."""
         return {
             **world_names(self.platforms, self.reset, self.simulator),
             **agent_names(agent.parts, agent.dones),

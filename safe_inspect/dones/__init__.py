@@ -1,4 +1,4 @@
-"""Done functors: what ends an episode, and how. Importing it registers them."""
+"""Done functors, which end an episode and set its status. Importing the package registers them."""
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.docking import SuccessfulDockingDoneFunction

@@ -1,4 +1,4 @@
-"""Base of the done functors, and the statuses of an episode."""
+"""Base class of the done functors, and the statuses of an episode."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safe_inspect.types import BoolArray
 
 
 class DoneStatus(IntEnum):
-    """How an episode stands."""
+    """Status of an episode."""
 
     RUNNING = 0
     WIN = 1
@@ -25,15 +25,16 @@ class DoneStatus(IntEnum):
 
 
 class DoneFunction(RowPlugin):
-    """Ends an episode: called with a `Step`, it returns the rows that it ends, shape (R,).
+    """Base class of done functors. Called with a `Step`, one returns which rows end, a bool array of shape (R,).
 
-    It defines ``__call__``, or `row`, a row kernel that returns a bool.
+    A subclass defines either ``__call__`` or `row`, a row kernel that returns a bool.
 
-    When several fire in one step, the status is lose before win before draw.
+    If several functors fire in one step, lose takes precedence over win, and win over draw.
 
     Class attributes:
-        status: What the end means.
-        truncates: True: the task would go on (a time limit); a learner bootstraps the value of the last state.
+        status: Status of the episodes that it ends.
+        truncates: If True, the end is a truncation, such as a time limit: a learner bootstraps from the value of the
+            last state.
     """
 
     kind: ClassVar[str] = "done"
@@ -46,19 +47,19 @@ class DoneFunction(RowPlugin):
         return self.call_rows(step)
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that it remembers, each with its shape for one agent. None by default."""
+        """Return the arrays that the functor stores between steps, with their shapes for one agent; none by default."""
         return {}
 
     def remember(self, step: Step, name: str) -> None:
-        """Update the remembered arrays, ``step.after.memory(name, array)``, in place; called once for every step.
+        """Update the stored arrays, ``step.after.memory(name, array)``, in place; called once in every step.
 
-        Nowhere else may they be written. The arrays are filled anew at every reset.
+        They must not be written anywhere else. They are initialised again at every reset.
         """
 
     def memory_key(self, view: View) -> str:
-        """Return the name under which the arrays that it remembers stand in a view's memory."""
+        """Return the name of the functor's stored arrays in a view's memory."""
         return next(name for name, done in view.group.dones.items() if done is self)
 
     def row_result(self) -> tuple[type[Any], int]:
-        """Return bool, one for each row."""
+        """Return the element type (bool) and the number of elements (0, a scalar per row)."""
         return np.bool_, 0

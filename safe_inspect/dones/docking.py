@@ -1,4 +1,4 @@
-"""The deputy has docked."""
+"""Done functor for successful docking."""
 
 from __future__ import annotations
 
@@ -34,5 +34,5 @@ class SuccessfulDockingDoneFunction(DockingRegion, DoneFunction):
     status: ClassVar[DoneStatus] = DoneStatus.WIN
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the deputy docks in this step."""
+        """Return the row kernel that decides whether the deputy docks in this step."""
         return RowTerm(_has_docked, (self.rule(world), *self.inputs()))

@@ -1,4 +1,4 @@
-"""The chaser has docked, or has touched the target."""
+"""Done functors of a rendezvous: the chaser has docked, or has touched the target."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from safe_inspect.units import PositiveLength, PositiveSpeed
 
 
 class DockedDoneFunction(DoneFunction):
-    """Win when the chaser is at the mating point of a tumbling target and moves with it; shape (R,).
+    """Win when the chaser is at the mating point of a tumbling target, with its velocity; shape (R,).
 
     Attributes:
-        reach: Largest distance to the mating point [m].
-        speed: Largest speed relative to it [m/s].
+        reach: Largest distance from the mating point [m].
+        speed: Largest speed relative to the mating point [m/s].
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.WIN
@@ -27,12 +27,12 @@ class DockedDoneFunction(DoneFunction):
     speed: PositiveSpeed = 0.01
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the chaser is docked."""
+        """Return the row kernel that decides whether the chaser is docked."""
         return RowTerm(is_docked, (self.reach, self.speed, *docking_inputs()))
 
 
 class ContactDoneFunction(DoneFunction):
-    """Lose when the chaser touches the target: its centre has a clearance below its radius; shape (R,).
+    """Lose when the chaser touches the target: the clearance of its centre is below its radius; shape (R,).
 
     Attributes:
         radius: Radius of the chaser [m].
@@ -43,5 +43,5 @@ class ContactDoneFunction(DoneFunction):
     radius: PositiveLength = 0.25
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the clearance is below the radius."""
+        """Return the row kernel that decides whether the clearance is below the radius."""
         return RowTerm(is_in_contact, (self.radius, OwnArray("clearance")))

@@ -1,4 +1,4 @@
-"""The deputy left, or hit the chief."""
+"""Done functors for the distance from the chief: too far away, or a crash."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MaxDistanceDoneFunction(DoneFunction):
 
     Attributes:
         max_distance: Largest range [m].
-        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
+        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
@@ -30,21 +30,21 @@ class MaxDistanceDoneFunction(DoneFunction):
     reference_position_sensor_name: SensorName | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the range is larger."""
+        """Return the row kernel that decides whether the range is too large."""
         return RowTerm(is_farther, (self.max_distance, *range_inputs(self.reference_position_sensor_name)))
 
 
 class CrashDoneFunction(DoneFunction):
     """Lose when the range to the reference falls below `crash_region_radius`; shape (R,).
 
-    With a `velocity_constraint` only those lose who reach the region above its speed limit.
+    With a `velocity_constraint`, the deputy loses only if it enters the region above the speed limit.
 
     Attributes:
         crash_region_radius: Smallest range [m].
-        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
-        reference_velocity_sensor_name: Sensor of the reference's velocity; it matters with a `velocity_constraint`.
+        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; used only with a `velocity_constraint`.
         velocity_constraint: The speed limit; see `SpeedLimit`.
-        along_step: With a `velocity_constraint`: see `DockingRegion`.
+        along_step: Used only with a `velocity_constraint`; see `DockingRegion`.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
@@ -56,7 +56,7 @@ class CrashDoneFunction(DoneFunction):
     along_step: bool = True
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the range is smaller, or reached too fast."""
+        """Return the row kernel that decides whether the range is too small, or was reached too fast."""
         limit = self.velocity_constraint
         if limit is not None:
             references = self.reference_position_sensor_name, self.reference_velocity_sensor_name

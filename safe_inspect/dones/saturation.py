@@ -1,4 +1,4 @@
-"""The sum of a reward has reached a limit."""
+"""Done functor that fires when the sum of a reward reaches a limit."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _SUM = "sum"
 
 
 class TerminalRewardSaturationDoneFunction(DoneFunction):
-    """Lose when the sum of a reward over the episode has reached a limit; shape (R,).
+    """Lose when the sum of a reward over the episode reaches a limit; shape (R,).
 
     Attributes:
         reward_functor: Name of the reward.
-        reward_config: Its fields.
+        reward_config: Fields of the reward.
         limit: The limit of the sum [-].
-        bound: ``lower``: the episode ends at a sum of at most `limit`; ``upper``: of at least that.
+        bound: ``lower`` ends the episode if the sum is at most `limit`, ``upper`` if it is at least `limit`.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
@@ -43,11 +43,11 @@ class TerminalRewardSaturationDoneFunction(DoneFunction):
         return self
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the sum."""
+        """Return the sum as an array to store."""
         return {_SUM: ArraySpec(())}
 
     def remember(self, step: Step, name: str) -> None:
-        """Add the reward of a step."""
+        """Add the reward of a step to the sum."""
         total = step.after.memory(name, _SUM)
         total += np.asarray(self._reward(step)).reshape(total.shape)
 

@@ -16,33 +16,33 @@ from safe_inspect.types import AnyArray, BoolArray
 from safe_inspect.units import PositiveLength
 
 Ending = Literal["win", "lose", "draw"]
-#: What counts when agents end in several ways at once: the first of these.
+#: If agents end with different statuses at once, the first of these counts.
 _WORST_FIRST = (DoneStatus.LOSE, DoneStatus.WIN, DoneStatus.DRAW)
-#: As NumPy's numbers: an array is compared with them ten times as fast as with the members of an enumeration.
+#: NumPy integers, because comparing an array with them is ten times as fast as with members of an enumeration.
 _RUNNING, _WIN, _LOSE = np.int8(DoneStatus.RUNNING), np.int8(DoneStatus.WIN), np.int8(DoneStatus.LOSE)
 
 
 class SharedDoneFunction(Plugin):
-    """Ends an episode for all agents: called with a `TeamStep`, it returns how each environment ends, shape (N,).
+    """Base class of done functors for all agents. Called with a `TeamStep`, one returns statuses of shape (N,).
 
-    It stands under ``dones: shared:`` of the environment's configuration.
+    They are configured under ``dones: shared:`` of the environment's configuration.
     """
 
     kind: ClassVar[str] = "shared_done"
 
     @abstractmethod
     def __call__(self, step: TeamStep) -> AnyArray:
-        """Return the `DoneStatus` that every agent of an environment gets, 0 where it goes on, int8, shape (N,)."""
+        """Return the `DoneStatus` of all agents of each environment, 0 where it continues, int8, shape (N,)."""
 
 
 class CollisionDoneFunction(SharedDoneFunction):
     """All lose when two deputies are closer than `safety_constraint` at the end of the step; shape (N,).
 
-    Deputies whose agents are done still count, as their spacecraft fly on, unless they ended in one of `exempt`.
+    Deputies whose agents are done also count, as they continue to fly, unless they ended with a status of `exempt`.
 
     Attributes:
-        safety_constraint: Smallest distance of two deputies [m].
-        exempt: Endings of an agent after which its deputy counts no more, such as ``win`` for one that has docked.
+        safety_constraint: Smallest permitted distance between two deputies [m].
+        exempt: Statuses after which an agent's deputy no longer counts, such as ``win`` for one that has docked.
     """
 
     safety_constraint: PositiveLength = 10.0
@@ -61,8 +61,8 @@ class CollisionDoneFunction(SharedDoneFunction):
 class MultiagentSuccessDoneFunction(SharedDoneFunction):
     """All win when every agent that has the named done function has won; shape (N,).
 
-    An agent has won when the function ended its episode in this step and it did not lose in the same step, or when it
-    had ended with a win before. Where no agent has the function, the episode goes on, as in safe-autonomy-sims.
+    An agent has won if the function ended its episode in this step and it did not lose in the same step, or if its
+    episode ended earlier with a win. If no agent has the function, the episode continues, as in safe-autonomy-sims.
 
     Attributes:
         success_function_name: Name of a done function of the agents.
@@ -73,7 +73,7 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
     def __call__(self, step: TeamStep) -> AnyArray:
         """Return `DoneStatus.WIN` where every agent has won, int8, shape (N,)."""
         name = self.success_function_name
-        if name not in step.has:  # the configuration's check warns of it
+        if name not in step.has:  # the configuration check warns about it
             return np.zeros(len(step.status), dtype=np.int8)
         asked = np.asarray(step.has[name])
         won = (step.fired[name] & (step.status != _LOSE)) | (step.before.finished == _WIN)
@@ -82,18 +82,18 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
 
 
 class SetAllDoneFunction(SharedDoneFunction):
-    """All end as soon as one agent has ended in one of `statuses`; shape (N,).
+    """All end as soon as one agent has ended with one of `statuses`; shape (N,).
 
-    All get the worst status among those: lose before win before draw.
+    All get the worst of these statuses: lose before win before draw.
 
     Attributes:
-        statuses: Endings of an agent that end the episode for all.
+        statuses: Statuses of one agent that end the episode of all agents.
     """
 
     statuses: tuple[Ending, ...] = Field(default=("win", "lose", "draw"), min_length=1)
 
     def __call__(self, step: TeamStep) -> AnyArray:
-        """Return the worst status of an agent, 0 where none has ended so, int8, shape (N,)."""
+        """Return the worst status of an agent, 0 where none has ended with such a status, int8, shape (N,)."""
         found = np.zeros(len(step.status), dtype=np.int8)
         for status in reversed(_WORST_FIRST):
             if status.name.lower() in self.statuses:
@@ -102,7 +102,7 @@ class SetAllDoneFunction(SharedDoneFunction):
 
 
 def _ended_in(status: AnyArray, endings: Sequence[Ending]) -> BoolArray:
-    """Return the agents whose status is one of some endings, shape (N, D)."""
+    """Return whether the status of each agent is one of the given ones, shape (N, D)."""
     return np.isin(status, [DoneStatus[ending.upper()] for ending in endings])
 
 

@@ -1,4 +1,4 @@
-"""Success: the body is inspected."""
+"""Done functors for a completed inspection."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.types import FloatArray
 
 @njit
 def has_reached(count: int, limit: int) -> bool:
-    """Return whether a count has reached a limit."""
+    """Return whether a count is at least a limit."""
     return count >= limit
 
 
@@ -29,11 +29,11 @@ def _is_complete(limit: float, inspected: float) -> bool:
 
 
 class SuccessfulInspectionDoneFunction(DoneFunction):
-    """Win when every point is inspected, or enough of their summed weight; shape (R,).
+    """Win when all points are inspected, or points of a sufficient total weight; shape (R,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
-        weight_threshold: Win at this summed weight of inspected points, in (0, 1]; None: win when all are inspected.
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.WIN
@@ -42,7 +42,7 @@ class SuccessfulInspectionDoneFunction(DoneFunction):
     weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the inspection is complete."""
+        """Return the row kernel that decides whether the inspection is complete."""
         return RowTerm(_is_complete, completion(world, self.inspection_entity_name, self.weight_threshold))
 
 
@@ -55,7 +55,7 @@ def _coasts_on(
     velocity: FloatArray,
     table: FloatArray,
 ) -> bool:
-    """Return whether the inspection is complete and coasting on is safe, or with orbit[2] = 0 unsafe."""
+    """Return whether the inspection is complete and coasting is safe, or unsafe if orbit[2] is 0."""
     if inspected < limit:
         return False
     clear = least_coasting_range(position, velocity, table, orbit[0]) >= orbit[1]
@@ -63,11 +63,11 @@ def _coasts_on(
 
 
 class SafeSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
-    """Win when the inspection is complete and the deputy, coasting for an orbit, would not crash; shape (R,).
+    """Win when the inspection is complete and the deputy would not crash if it coasted for an orbit; shape (R,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
-        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.WIN
@@ -76,16 +76,16 @@ class SafeSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
     weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the inspection is complete and coasting is safe."""
+        """Return the row kernel that decides whether the inspection is complete and coasting is safe."""
         return _coasting_term(self, world, safe=True)
 
 
 class CrashAfterSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
-    """Lose when the inspection is complete and the deputy, coasting for an orbit, would crash; shape (R,).
+    """Lose when the inspection is complete and the deputy would crash if it coasted for an orbit; shape (R,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
-        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
@@ -94,7 +94,7 @@ class CrashAfterSuccessfulInspectionDoneFunction(PassiveSafety, DoneFunction):
     weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the inspection is complete and coasting is not safe."""
+        """Return the row kernel that decides whether the inspection is complete and coasting is unsafe."""
         return _coasting_term(self, world, safe=False)
 
 

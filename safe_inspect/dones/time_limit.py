@@ -1,4 +1,4 @@
-"""The time limit."""
+"""Done functors for time limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.units import PositiveDuration
 
-#: The longest episode [steps]: counters of steps may be 32-bit integers.
+#: Largest number of steps of an episode, because step counters may be 32-bit integers.
 MAX_HORIZON = 2**31 - 1
 
 
@@ -37,12 +37,14 @@ class EpisodeLengthDone(DoneFunction):
     horizon: int = Field(default=1224, ge=1, le=MAX_HORIZON)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the episode has run for `horizon` steps."""
+        """Return the row kernel that decides whether the episode has `horizon` steps."""
         return RowTerm(has_reached, (EnvironmentArray("step"), self.horizon))
 
 
 class TimeoutDoneFunction(DoneFunction):
-    """Lose when the time since the reset reaches `max_sim_time`: a termination, as the task prices time; shape (R,).
+    """Lose when the time since the reset reaches `max_sim_time`: a termination, not a truncation; shape (R,).
+
+    The end is part of the task, which penalises time.
 
     Attributes:
         max_sim_time: Largest time [s].
@@ -53,5 +55,5 @@ class TimeoutDoneFunction(DoneFunction):
     max_sim_time: PositiveDuration = 2000.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return whether the time has come."""
+        """Return the row kernel that decides whether the time has elapsed."""
         return RowTerm(_is_over, (EnvironmentArray("time"), self.max_sim_time))

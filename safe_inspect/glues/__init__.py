@@ -1,4 +1,4 @@
-"""Glues: from sensors to observations and from actions to controllers. Importing it registers them."""
+"""Glues, which map sensor readings to observations and actions to controllers. Importing the package registers them."""
 
 from safe_inspect.glues.attitude import (
     AngleToUnitVector,

@@ -1,4 +1,4 @@
-"""Glues of vehicles that turn: vectors in body or Hill axes, magnitude and direction, axes, angles between vectors."""
+"""Glues for vehicles with attitude: rotated vectors, magnitude and direction, coordinate axes, inner products."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 
-#: Lengths below this have no direction.
+#: Vectors shorter than this have no direction.
 _LEAST = 1e-5
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -71,13 +71,13 @@ def _product(normalises: float, first: FloatArray, second: FloatArray, out: Floa
 
 
 class RotateVectorToLocalRef3d(DerivedGlue):
-    """A vector that another glue observes in Hill's frame, in body axes, ``R^T v``; or the other way; shape (R, 3).
+    """Rotation of another glue's vector from Hill's frame to body axes, ``R^T v``, or the reverse; shape (R, 3).
 
     Attributes:
-        wrapped: The glue of the attitude, then that of the vector.
-        mode: What the first gives: a ``quaternion`` [x, y, z, w] from body to Hill's frame, or ``euler`` angles, of
-            which the first, a turn about z [rad], is used.
-        apply_inv: False: the vector stands in body axes and is turned into Hill's frame, ``R v``.
+        wrapped: The glue that observes the attitude, then the glue that observes the vector.
+        mode: Form of the attitude: a ``quaternion`` [x, y, z, w] from body to Hill's frame, or ``euler`` angles, of
+            which only the first, the rotation about z [rad], is used.
+        apply_inv: If False, the vector is given in body axes and is rotated to Hill's frame, ``R v``.
     """
 
     row_size: ClassVar[int] = 3
@@ -90,37 +90,37 @@ class RotateVectorToLocalRef3d(DerivedGlue):
     apply_inv: bool = True
 
     def names(self, parts: Parts) -> tuple[str, ...]:
-        """Return the names of the vector's elements with the frame that they are turned into."""
+        """Return the names of the vector's elements, each followed by the frame of the result."""
         vector: Any = self.wrapped[1]
         return tuple(f"{name} ({'body' if self.apply_inv else 'Hill'})" for name in vector.names(parts))
 
     def limits(self, parts: Parts) -> Bounds:
-        """Return what no component of the turned vector exceeds.
+        """Return bounds of the components of the rotated vector.
 
         Raises:
-            ValueError: The wrapped glues give other numbers of elements.
+            ValueError: A wrapped glue has the wrong number of elements.
         """
         rotation, vector = _bounds_of(self.wrapped, parts)
         wanted = 4 if self.mode == "quaternion" else 1
         if len(rotation[0]) < wanted or len(vector[0]) != 3:
             raise ValueError(
-                f"it wraps an attitude by {self.mode} ({wanted} elements) and a vector (3), not glues of "
-                f"{len(rotation[0])} and {len(vector[0])} elements"
+                f"`wrapped` must be an attitude in the form {self.mode} ({wanted} elements) and a vector (3), not "
+                f"glues of {len(rotation[0])} and {len(vector[0])} elements"
             )
         return _within_ball(vector)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the turned vector."""
+        """Return the row kernel that writes the rotated vector."""
         rotation, vector = (wrapped_input(glue, group) for glue in self.wrapped)
         euler = self.mode == "euler"
         return RowTerm(_turned, (float(self.apply_inv), float(euler), rotation, vector))
 
 
 class MagNorm3DGlue(DerivedGlue):
-    """Length and unit vector of a vector that another glue observes, zeros below 1e-5; shape (R, 4).
+    """Length and unit vector of the vector that another glue observes, zeros below length 1e-5; shape (R, 4).
 
     Attributes:
-        wrapped: The glue.
+        wrapped: The glue that observes the vector.
     """
 
     row_size: ClassVar[int] = 4
@@ -128,25 +128,25 @@ class MagNorm3DGlue(DerivedGlue):
     wrapped: functor_field("glue") = ObserveSensor(sensor="Sensor_Position")  # type: ignore[valid-type]
 
     def names(self, parts: Parts) -> tuple[str, ...]:
-        """Return ``|vector|``, and each element with ``direction``."""
+        """Return ``|vector|``, then the name of each element followed by ``direction``."""
         wrapped: Any = self.wrapped
         names = wrapped.names(parts)
         return f"|{_stem(names)}|", *(f"{name} direction" for name in names)
 
     def limits(self, parts: Parts) -> Bounds:
-        """Return 0 and the largest length, then -1 and 1.
+        """Return 0 and the largest length, then -1 and 1 for the elements of the unit vector.
 
         Raises:
-            ValueError: The wrapped glue gives no vector of three elements.
+            ValueError: The wrapped glue does not have three elements.
         """
         ((low, high),) = _bounds_of((self.wrapped,), parts)
         if len(low) != 3:
-            raise ValueError(f"it wraps a vector of 3 elements, not one of {len(low)}")
+            raise ValueError(f"`wrapped` must be a vector of 3 elements, not of {len(low)}")
         largest = _within_ball((low, high))[1][:1]
         return np.array([0.0, -1.0, -1.0, -1.0]), np.concatenate((largest, np.ones(3)))
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write length and unit vector."""
+        """Return the row kernel that writes length and unit vector."""
         return RowTerm(_magnitude_and_direction, (wrapped_input(self.wrapped, group),))
 
 
@@ -154,8 +154,8 @@ class AngleToUnitVector(DerivedGlue):
     """The unit vector ``[cos a, -sin a, 0]`` of an angle that another glue observes [rad]; shape (R, 3).
 
     Attributes:
-        wrapped: The glue.
-        output_units: The peer's key, without effect: the vector has no unit.
+        wrapped: The glue that observes the angle.
+        output_units: A key of safe-autonomy-sims, without effect because the vector has no unit.
     """
 
     row_size: ClassVar[int] = 3
@@ -164,7 +164,7 @@ class AngleToUnitVector(DerivedGlue):
     output_units: str | None = None
 
     def names(self, parts: Parts) -> tuple[str, ...]:
-        """Return the angle's name with ``x``, ``y`` and ``z``."""
+        """Return the angle's name followed by ``.x``, ``.y`` and ``.z``."""
         wrapped: Any = self.wrapped
         return tuple(f"{wrapped.names(parts)[0]}.{axis}" for axis in _AXES)
 
@@ -172,15 +172,15 @@ class AngleToUnitVector(DerivedGlue):
         """Return -1 and 1.
 
         Raises:
-            ValueError: The wrapped glue gives several numbers.
+            ValueError: The wrapped glue has more than one element.
         """
         ((low, _),) = _bounds_of((self.wrapped,), parts)
         if len(low) != 1:
-            raise ValueError(f"it wraps one angle, not {len(low)} numbers")
+            raise ValueError(f"`wrapped` must be one angle, not {len(low)} numbers")
         return np.full(3, -1.0), np.ones(3)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the unit vector."""
+        """Return the row kernel that writes the unit vector."""
         return RowTerm(_direction, (wrapped_input(self.wrapped, group),))
 
 
@@ -188,7 +188,7 @@ class CoordinateAxisGlue(DerivedGlue):
     """The unit vector along a coordinate axis; shape (R, 3).
 
     Attributes:
-        axis: The axis.
+        axis: Name of the axis.
     """
 
     row_size: ClassVar[int] = 3
@@ -204,7 +204,7 @@ class CoordinateAxisGlue(DerivedGlue):
         return np.zeros(3), np.ones(3)
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the unit vector."""
+        """Return the row kernel that writes the unit vector."""
         return RowTerm(copy_vector, (np.array(_AXES[self.axis]),))
 
 
@@ -212,8 +212,8 @@ class DotProductGlue(DerivedGlue):
     """The inner product of two vectors that other glues observe; shape (R, 1).
 
     Attributes:
-        wrapped: The two glues.
-        normalize_vectors: Give the cosine of their angle, ``a b / (|a| |b| + 1e-5)``, within -1 and 1.
+        wrapped: The two glues that observe the vectors.
+        normalize_vectors: Return the cosine of the angle, ``a b / (|a| |b| + 1e-5)``, clipped to -1 and 1.
     """
 
     row_size: ClassVar[int] = 1
@@ -229,7 +229,7 @@ class DotProductGlue(DerivedGlue):
     def _two(cls, data: Any) -> Any:
         wrapped = data.get("wrapped") if isinstance(data, dict) else None
         if isinstance(wrapped, (list, tuple)) and len(wrapped) != 2:
-            raise ValueError(f"it wraps two glues, not {len(wrapped)}")
+            raise ValueError(f"`wrapped` must be two glues, not {len(wrapped)}")
         return data
 
     def names(self, parts: Parts) -> tuple[str, ...]:
@@ -239,7 +239,7 @@ class DotProductGlue(DerivedGlue):
         return (f"{first} . {second}",)
 
     def limits(self, parts: Parts) -> Bounds:
-        """Return -1 and 1, or what the lengths allow.
+        """Return -1 and 1 for normalised vectors, otherwise the largest product of the two lengths.
 
         Raises:
             ValueError: The two vectors have different numbers of elements.
@@ -251,13 +251,13 @@ class DotProductGlue(DerivedGlue):
         return -largest, largest
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Write the inner product."""
+        """Return the row kernel that writes the inner product."""
         first, second = (wrapped_input(glue, group) for glue in self.wrapped)
         return RowTerm(_product, (float(self.normalize_vectors), first, second))
 
 
 def _stem(names: tuple[str, ...]) -> str:
-    """Return the name of a vector: that of its first element without the component, with its frame."""
+    """Return the name of a vector: its first element's name without the component, followed by its frame."""
     vector, _, component = names[0].partition(".")
     return f"{vector} {component.partition(' ')[2]}".strip()
 
@@ -267,6 +267,6 @@ def _bounds_of(wrapped: tuple[Any, ...], parts: Parts) -> list[Bounds]:
 
 
 def _within_ball(bounds: Bounds) -> Bounds:
-    """Return bounds that hold for the components of a vector within others, however it is turned."""
+    """Return bounds of a vector's components that hold for every rotation, for given bounds of the components."""
     largest = norms_of(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))[None])[0] * (1.0 + 1e-12)
     return -np.repeat(largest, len(bounds[0])), np.repeat(largest, len(bounds[0]))

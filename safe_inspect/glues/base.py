@@ -1,4 +1,4 @@
-"""Bases of the glues."""
+"""Base classes of the glues."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Bounds = tuple[FloatArray, FloatArray]
 
 
 class Glue(Plugin):
-    """Base of all glues.
+    """Base class of all glues.
 
     Attributes:
-        training_export_behavior: ``EXCLUDE`` leaves an observation out of what the policy sees. Glues that act add no
-            observation of their own, so that for them both values mean the same.
+        training_export_behavior: ``EXCLUDE`` removes an observation from the policy's input. Both values have the same
+            effect for action glues, which observe nothing.
     """
 
     kind: ClassVar[str] = "glue"
@@ -29,7 +29,7 @@ class Glue(Plugin):
 
     @property
     def exported(self) -> bool:
-        """Whether the policy sees what the glue observes, or gives what it acts on."""
+        """Whether the glue is part of the policy's input or output."""
         return True
 
     @abstractmethod
@@ -42,11 +42,11 @@ class Glue(Plugin):
 
 
 class ObservationGlue(Glue):
-    """A part of the observation: called with a `View`, it returns an array of shape (R, size)."""
+    """A part of the observation. When called with a `View`, it returns an array of shape (R, size)."""
 
     @property
     def exported(self) -> bool:
-        """Whether the policy sees the observation."""
+        """Whether the observation is part of the policy's input."""
         return self.training_export_behavior == "INCLUDE"
 
     @abstractmethod
@@ -55,9 +55,9 @@ class ObservationGlue(Glue):
 
 
 class ActionGlue(Glue):
-    """A part of the action: called with actions (R, size) and the parts, it returns what the controllers give.
+    """A part of the action. When called with actions (R, size) and the parts, it returns the controllers' output.
 
-    That is thrust [N], shape (R, 3), or the control of a vehicle that turns, thrust and moment [N m], shape (R, 6).
+    The output is thrust [N], shape (R, 3); for a vehicle with attitude it is thrust [N] and moment [N m], shape (R, 6).
     """
 
     @abstractmethod
@@ -65,26 +65,26 @@ class ActionGlue(Glue):
         """Return the thrust [N], shape (R, 3), or the control [N, N m], shape (R, 6); see `Controller`."""
 
     def choices(self, parts: Parts) -> tuple[int, ...]:
-        """Return for each element of the action how many values it has, the indices 0, 1, ...; 0: it is a real number.
+        """Return the number of values of each element of the action, or 0 for a real-valued element.
 
-        All are real numbers by default.
+        An element with K values takes the indices 0, ..., K - 1. By default all elements are real-valued.
         """
         return (0,) * len(self.names(parts))
 
     def leaves(self) -> tuple[ActionGlue, ...]:
-        """Return the glues that command a controller: the wrapped ones of a wrapper, else the glue itself."""
+        """Return the glues that command a controller: the wrapped glues of a wrapper, otherwise the glue itself."""
         return (self,)
 
 
 def sensor_of(parts: Parts, name: str) -> Sensor:
-    """Return a part that is known to be a sensor."""
+    """Return the sensor of that name; the caller must have checked that it is a sensor."""
     part = parts[name]
     assert isinstance(part, Sensor), name
     return part
 
 
 def controller_of(parts: Parts, name: str) -> Controller:
-    """Return a part that is known to be a controller."""
+    """Return the controller of that name; the caller must have checked that it is a controller."""
     part = parts[name]
     assert isinstance(part, Controller), name
     return part

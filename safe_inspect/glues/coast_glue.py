@@ -1,4 +1,4 @@
-"""`CoastGlue`: the part of an action that says for how many control steps it holds."""
+"""`CoastGlue`: the part of an action that sets the duration of a decision in control steps."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from safe_inspect.types import FloatArray, IntArray
 
 
 class CoastGlue(ActionGlue):
-    """How long a decision lasts: the thrust of the other action glues for one control step, then none until it ends.
+    """Duration of a decision: the other action glues apply thrust for one control step, then the deputy coasts.
 
-    The action has one more element, the index of a duration; beside continuous thrust it is a real number that is
-    rounded to the nearest index. Thrust, and the moment of a vehicle that turns, is zero while the deputy coasts.
-    Simulation, rewards, dones and safety filter go on acting at every control step. A step in which a safety filter
-    intervenes is the last of its decision. It stands behind the glues of the controllers.
+    The action has one more element, the index of a duration. Combined with continuous thrust it is a real number
+    that is rounded to the nearest index. While the deputy coasts, thrust and, for a vehicle with attitude, moment are
+    zero. Simulation, rewards, dones and safety filter are still evaluated at every control step. A step in which the
+    safety filter intervenes is the last step of its decision. The glue must come after the glues of the controllers.
 
     Attributes:
-        durations: How many control steps a decision may last, the step of the burn included, in ascending order.
+        durations: Possible durations of a decision [control steps], including the step with thrust, in ascending order.
     """
 
     durations: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
@@ -30,9 +30,9 @@ class CoastGlue(ActionGlue):
         if not self.durations:
             raise ValueError("`durations` is empty; give one or more numbers of control steps")
         if self.durations[0] < 1:
-            raise ValueError(f"a decision lasts at least 1 control step, not {self.durations[0]}; change `durations`")
+            raise ValueError(f"a duration must be at least 1 control step, not {self.durations[0]}; change `durations`")
         if any(second <= first for first, second in zip(self.durations, self.durations[1:], strict=False)):
-            raise ValueError(f"`durations` {list(self.durations)} do not ascend; give each once, the shortest first")
+            raise ValueError(f"`durations` {list(self.durations)} must be in ascending order, without repetitions")
         return self
 
     @cached_property
@@ -57,6 +57,6 @@ class CoastGlue(ActionGlue):
         return np.zeros((len(action), 3))
 
     def steps(self, action: FloatArray) -> IntArray:
-        """Return for how many control steps decisions last, shape (R,), for their last elements, shape (R,)."""
+        """Return the durations of decisions [control steps], shape (R,), for their duration indices, shape (R,)."""
         index = np.minimum(np.maximum(np.rint(action), 0.0), len(self.durations) - 1.0)
         return self.table[index.astype(np.int64)]

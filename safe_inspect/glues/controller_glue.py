@@ -1,4 +1,4 @@
-"""`ControllerGlue`: a part of the action, given to a controller."""
+"""`ControllerGlue`: the part of an action that commands a controller."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from safe_inspect.types import FloatArray
 
 
 class ControllerGlue(ActionGlue):
-    """The command of a controller: with normalisation from the normaliser's range, without it in SI units.
+    """The command of a controller, in the normaliser's range, or in SI units without normalisation.
 
     Attributes:
         controller: Name of the controller.
-        normalization: How the action is mapped onto the controller's limits; onto [-1, 1] unless switched off.
+        normalization: Mapping of the action to the controller's limits; from [-1, 1] by default.
     """
 
     controller: ControllerName = "RateController"
     normalization: Normalization = Normalization()
 
     def names(self, parts: Parts) -> tuple[str, ...]:
-        """Return the controller's name, numbered when it takes several values."""
+        """Return the controller's name, with an index if the controller takes several values."""
         size = controller_of(parts, self.controller).size
         return (self.controller,) if size == 1 else tuple(f"{self.controller}.{index}" for index in range(size))
 
@@ -28,7 +28,7 @@ class ControllerGlue(ActionGlue):
         """Return the bounds of the action.
 
         Raises:
-            ValueError: The normaliser does not fit the controller.
+            ValueError: The normaliser does not match the controller.
         """
         low, high = controller_of(parts, self.controller).limits
         normalizer = self.normalization.active
@@ -38,7 +38,7 @@ class ControllerGlue(ActionGlue):
         return normalizer(low, low, high), normalizer(high, low, high)
 
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the controller's share of the thrust [N], shape (R, 3), or of the control [N, N m], shape (R, 6)."""
+        """Return the controller's part of the thrust [N], shape (R, 3), or of the control [N, N m], shape (R, 6)."""
         controller = controller_of(parts, self.controller)
         normalizer = self.normalization.active
         return controller(action if normalizer is None else normalizer.inverse(action, *controller.limits))

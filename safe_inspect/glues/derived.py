@@ -1,4 +1,4 @@
-"""Glues that observe a quantity that follows from other readings, such as a magnitude or a speed limit."""
+"""Glues that compute an observation from sensor readings, such as a magnitude or a speed limit."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from safe_inspect.types import FloatArray
 
 
 class DerivedGlue(ObservationGlue, RowCalls):
-    """A quantity that follows from what the agent's sensors read, normalised; shape (R, size).
+    """A normalised quantity that is computed from the agent's sensor readings; shape (R, size).
 
-    It defines `values`, or `row`, a row kernel that writes the quantity into its last argument, shape (`row_size`,).
+    A subclass defines either `values` or `row`, a row kernel that writes the quantity into its last argument, shape
+    (`row_size`,).
 
     Attributes:
-        normalization: Which normaliser is applied.
+        normalization: The normaliser to apply.
 
     Class attributes:
-        row_size: Number of elements of the quantity, where it defines `row`.
+        row_size: Number of elements of the quantity, if the subclass defines `row`.
     """
 
     row_size: ClassVar[int] = 0
@@ -40,18 +41,18 @@ class DerivedGlue(ObservationGlue, RowCalls):
         return self.call_rows(view)
 
     def row_result(self) -> tuple[type[Any], int]:
-        """Return float and the size of the quantity."""
+        """Return the element type (float) and the number of elements."""
         return np.float64, self.row_size
 
     @abstractmethod
     def limits(self, parts: Parts) -> Bounds:
-        """Return its smallest and largest values, two arrays of shape (size,)."""
+        """Return the quantity's smallest and largest values, two arrays of shape (size,)."""
 
     def bounds(self, parts: Parts) -> Bounds:
         """Return the bounds of the normalised quantity.
 
         Raises:
-            ValueError: The normaliser does not fit it.
+            ValueError: The normaliser does not match the quantity.
         """
         low, high = self.limits(parts)
         normalizer = self.normalization.active
@@ -70,7 +71,7 @@ class DerivedGlue(ObservationGlue, RowCalls):
 
 
 class SimsMagnitudeGlue(DerivedGlue):
-    """The Euclidean norm of what another glue observes; shape (R, 1).
+    """The Euclidean norm of another glue's observation; shape (R, 1).
 
     Attributes:
         wrapped: The glue.
@@ -96,10 +97,10 @@ class SimsMagnitudeGlue(DerivedGlue):
 
 
 class VelocityLimitGlue(SpeedLimit, DerivedGlue):
-    """The speed limit of docking at the distance that a position sensor reads [m/s]; shape (R, 1).
+    """The speed limit for docking at the distance that a position sensor measures [m/s]; shape (R, 1).
 
     Attributes:
-        sensor: Name of the sensor of the position relative to the chief.
+        sensor: Name of the sensor that measures the position relative to the chief.
     """
 
     sensor: SensorName = "Sensor_Position"
@@ -109,7 +110,7 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
         return (f"{self.sensor}.speed_limit",)
 
     def limits(self, parts: Parts) -> Bounds:
-        """Return the limit near the chief, and none above."""
+        """Return the speed limit near the chief, and infinity as the upper bound."""
         return np.array([self.velocity_threshold]), np.full(1, np.inf)
 
     def values(self, view: View) -> FloatArray:
@@ -120,11 +121,11 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
 
 
 def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
-    """Return what a wrapped glue observes as the input of a row kernel.
+    """Return the observation of a wrapped glue as an input of a row kernel.
 
     Args:
-        glue: The glue.
-        group: The agents.
+        glue: The wrapped glue.
+        group: The agents whose sensors are read.
     """
     if type(glue) is ObserveSensor:
         scale, normalizer, _, _ = glue.prepared(group.sensors[glue.sensor])
@@ -134,7 +135,7 @@ def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
 
 
 def norms_of(vectors: FloatArray) -> FloatArray:
-    """Return the norms of rows, whose bits do not depend on the batch, shape (R, 1)."""
+    """Return the norm of each row, shape (R, 1); the results do not depend on the batch, bit for bit."""
     total = np.zeros(len(vectors))
     for column in vectors.T:
         total = total + column * column

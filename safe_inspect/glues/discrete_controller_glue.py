@@ -1,4 +1,4 @@
-"""`DiscreteControllerGlue`: a part of the action that chooses among a few levels of a controller."""
+"""`DiscreteControllerGlue`: a part of the action that selects one of a few levels of a controller."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from safe_inspect.units import Force
 
 
 class DiscreteControllerGlue(ActionGlue):
-    """The command of a controller as one of a few levels: the action is the index of the level, from 0.
+    """The command of a controller as one of a few levels; the action is the index of the level, from 0.
 
-    The action space is Gymnasium's `MultiDiscrete`, and RLlib's policies draw from categorical distributions; an
-    environment refuses an action that is a fraction or out of range. All action glues of an agent are of this kind, or
-    none is. Few levels of small
-    thrust did best at inspection in Hamilton et al., Investigating the Impact of Choice on Deep Reinforcement Learning
-    for Space Controls, 2024 (arXiv 2405.12355).
+    The action space is Gymnasium's `MultiDiscrete`, and RLlib's policies sample from categorical distributions. An
+    environment rejects an action that is not an integer or is out of range. Either all action glues of an agent are of
+    this class, or none is. A few levels of small thrust performed best at inspection in Hamilton et al., Investigating
+    the Impact of Choice on Deep Reinforcement Learning for Space Controls, 2024 (arXiv 2405.12355).
 
     Attributes:
-        controller: Name of the controller, which takes one value.
-        levels: The levels [N], from the smallest to the largest; with 0 among them the deputy can coast.
+        controller: Name of the controller, which must take one value.
+        levels: The levels [N] in ascending order; include 0 so that the deputy can coast.
     """
 
     controller: ControllerName = "RateController"
@@ -33,7 +32,7 @@ class DiscreteControllerGlue(ActionGlue):
     @model_validator(mode="after")
     def _rising(self) -> DiscreteControllerGlue:
         if any(second <= first for first, second in zip(self.levels, self.levels[1:], strict=False)):
-            raise ValueError(f"`levels` {list(self.levels)} do not rise; give each level once, the smallest first")
+            raise ValueError(f"`levels` {list(self.levels)} must be in ascending order, without repetitions")
         return self
 
     @cached_property
@@ -53,21 +52,21 @@ class DiscreteControllerGlue(ActionGlue):
         """Return the first and the last index.
 
         Raises:
-            ValueError: A level is beyond the controller's limits, or the controller takes several values.
+            ValueError: A level exceeds the controller's limits, or the controller takes several values.
         """
         controller = controller_of(parts, self.controller)
         if controller.size != 1:
-            raise ValueError(f"{self.controller!r} takes {controller.size} values, and levels are given for one")
+            raise ValueError(f"{self.controller!r} takes {controller.size} values, but `levels` can only command one")
         low, high = (float(limit[0]) for limit in controller.limits)
         for level in self.levels:
             if not low <= level <= high:
                 raise ValueError(
-                    f"the level {level:g} N is beyond what {self.controller!r} gives, {low:g} to {high:g} N; "
+                    f"the level {level:g} N exceeds the range of {self.controller!r}, {low:g} to {high:g} N; "
                     "change `levels`, or `low` and `high` of the controller's property"
                 )
         return np.zeros(1), np.array([len(self.levels) - 1.0])
 
     def __call__(self, action: FloatArray, parts: Parts) -> FloatArray:
-        """Return the controller's share of the thrust [N], Hill frame, shape (R, 3), for indices of shape (R, 1)."""
+        """Return the controller's part of the thrust [N], Hill frame, shape (R, 3), for indices of shape (R, 1)."""
         index = np.minimum(np.maximum(np.rint(action), 0.0), len(self.levels) - 1.0).astype(np.int64)
         return controller_of(parts, self.controller)(self.table[index])

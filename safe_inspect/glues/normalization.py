@@ -13,13 +13,13 @@ from safe_inspect.plugins.functor import build
 
 
 class Normalization(BaseModel):
-    """Which normaliser a glue applies.
+    """Configuration of a glue's normaliser.
 
     Attributes:
-        enabled: False: the values pass as they are.
+        enabled: If False, the values are not normalised.
         normalizer: Name of the normaliser.
-        config: Its fields.
-        output_units: The peer's key, without effect here as there.
+        config: Fields of the normaliser.
+        output_units: A key of safe-autonomy-sims, which has no effect there or here.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -41,7 +41,7 @@ class Normalization(BaseModel):
 
     @cached_property
     def active(self) -> Normalizer | None:
-        """The normaliser, or None when it is switched off.
+        """The normaliser, or None if normalisation is disabled.
 
         Raises:
             PydanticCustomError: There is no such normaliser, or a field of it is wrong.

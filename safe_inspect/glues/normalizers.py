@@ -1,4 +1,4 @@
-"""Normalisers: from values in units to numbers that a network likes, and back."""
+"""Normalisers, which map values with units to the range of a network's inputs and outputs, and back."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from safe_inspect.types import FloatArray
 
 
 class Affine(NamedTuple):
-    """The map add + (x - subtract) * multiply / divide, element by element and in this order of operations.
+    """The map add + (x - subtract) * multiply / divide, elementwise and in this order of operations.
 
-    What an element does without stands as 0, 1, 1 and -0.0: these change no number, -0.0 included.
+    The defaults 0, 1, 1 and -0.0 change no number, not even -0.0.
 
     Attributes:
-        subtract: Shape (1,) or (k,), as the others.
+        subtract: Number to subtract, shape (1,) or (k,); the other arrays have the same shapes.
         multiply: Factor.
         divide: Divisor.
-        add: Sum.
+        add: Number to add.
     """
 
     subtract: FloatArray = np.zeros(1)
@@ -36,17 +36,17 @@ class Affine(NamedTuple):
 
     @property
     def gain(self) -> FloatArray:
-        """What the map multiplies by in all."""
+        """The total factor of the map, multiply / divide."""
         return np.asarray(self.multiply / self.divide)
 
     @property
     def offset(self) -> FloatArray:
-        """Where the map takes 0."""
+        """The value of the map at 0."""
         return np.asarray(self.add - self.subtract * self.multiply / self.divide)
 
 
 class Normalizer(Plugin):
-    """Base of the normalisers. Called with values (R, k) and their bounds (k,), it returns an array (R, k)."""
+    """Base class of normalisers. Called with values (R, k) and bounds (k,), a normaliser returns an array (R, k)."""
 
     kind: ClassVar[str] = "normalizer"
 
@@ -55,7 +55,7 @@ class Normalizer(Plugin):
         """Return the normalised values, shape (R, k)."""
 
     def affine(self, low: FloatArray, high: FloatArray) -> Affine | None:
-        """Return the map as a compiled step and a file of a policy can hold it; None: it is no affine map.
+        """Return the map in the form that compiled steps and policy files use, or None if it is not affine.
 
         Args:
             low: Smallest values, shape (k,).
@@ -65,14 +65,14 @@ class Normalizer(Plugin):
 
     @abstractmethod
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the values that the normaliser maps to these, shape (R, k)."""
+        """Return the values that the normaliser maps to the given values, shape (R, k)."""
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
-        """Raise ValueError when the normaliser does not fit `size` elements with these bounds."""
+        """Raise ValueError if the normaliser cannot be applied to `size` elements with these bounds."""
 
 
 class StandardNormalNormalizer(Normalizer):
-    """(x - mu) / sigma, element by element.
+    """Standardisation (x - mu) / sigma, elementwise.
 
     Attributes:
         mu: Mean, one number or one for each element, in the unit of the values.
@@ -86,7 +86,7 @@ class StandardNormalNormalizer(Normalizer):
     @classmethod
     def _positive(cls, value: float | tuple[float, ...]) -> float | tuple[float, ...]:
         if not np.all(np.atleast_1d(value) > 0.0):
-            raise ValueError(f"a standard deviation is above 0, not {value}")
+            raise ValueError(f"a standard deviation must be above 0, not {value}")
         return value
 
     @cached_property
@@ -95,7 +95,7 @@ class StandardNormalNormalizer(Normalizer):
         return np.atleast_1d(np.array(self.mu, np.float64)), np.atleast_1d(np.array(self.sigma, np.float64))
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
-        """Raise ValueError when `mu` or `sigma` has another number of elements."""
+        """Raise ValueError if the number of elements of `mu` or `sigma` differs from `size`."""
         for field, array in zip(("mu", "sigma"), self.arrays, strict=True):
             if array.size not in (1, size):
                 raise ValueError(
@@ -118,11 +118,11 @@ class StandardNormalNormalizer(Normalizer):
 
 
 class LinearNormalizer(Normalizer):
-    """Map the bounds of the values linearly onto [minimum, maximum].
+    """Linear map from the bounds of the values to [minimum, maximum].
 
     Attributes:
-        minimum: Where the smallest value goes.
-        maximum: Where the largest value goes.
+        minimum: Image of the smallest value.
+        maximum: Image of the largest value.
     """
 
     minimum: float = Field(default=-1.0)
@@ -131,11 +131,11 @@ class LinearNormalizer(Normalizer):
     @model_validator(mode="after")
     def _ordered(self) -> LinearNormalizer:
         if not self.minimum < self.maximum:
-            raise ValueError(f"`minimum` ({self.minimum}) is not below `maximum` ({self.maximum})")
+            raise ValueError(f"`minimum` ({self.minimum}) must be below `maximum` ({self.maximum})")
         return self
 
     def check(self, size: int, low: FloatArray, high: FloatArray) -> None:
-        """Raise ValueError when a value has no bounds."""
+        """Raise ValueError if a value is unbounded."""
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise ValueError(
                 "values without bounds cannot be mapped onto an interval; "

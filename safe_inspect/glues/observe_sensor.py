@@ -1,4 +1,4 @@
-"""`ObserveSensor`: a sensor's reading, in units and normalised, as a part of the observation."""
+"""`ObserveSensor`: a sensor's reading, converted and normalised, as a part of the observation."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class ObserveSensor(ObservationGlue):
 
     Attributes:
         sensor: Name of the sensor.
-        output_units: Unit of the observation before normalisation; SI unless given. A sensor of pure numbers, such as a
-            direction, ignores it.
-        normalization: Which normaliser is applied.
+        output_units: Unit of the observation before normalisation. Default: the SI unit. A dimensionless sensor, such
+            as one of a direction, ignores it.
+        normalization: The normaliser to apply.
     """
 
     sensor: SensorName = "Sensor_Position"
@@ -46,7 +46,7 @@ class ObserveSensor(ObservationGlue):
         """Return the bounds of the normalised reading.
 
         Raises:
-            ValueError: The units or the normaliser do not fit the sensor.
+            ValueError: The units or the normaliser do not match the sensor.
         """
         sensor = sensor_of(parts, self.sensor)
         low, high = _limits(sensor.limits, sensor.size, self._scale(sensor.symbol))
@@ -65,7 +65,7 @@ class ObserveSensor(ObservationGlue):
         return values if normalizer is None else normalizer(values, low, high)
 
     def prepared(self, sensor: ReadsState) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
-        """Return what the observation of a sensor needs in every step; it is worked out once."""
+        """Return what each observation of the sensor needs: scale, normaliser, low, high; computed once per sensor."""
         known = self.__dict__.get("_known")
         if known is None or known[0] is not sensor:
             scale = self._scale(sensor.symbol)

@@ -1,4 +1,4 @@
-"""Metrics: what an evaluation measures of every episode. Importing it registers them."""
+"""Metrics, which measure the episodes of an evaluation. Importing the package registers them."""
 
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.metrics.coverage import (

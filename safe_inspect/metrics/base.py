@@ -1,4 +1,4 @@
-"""Bases of the metrics."""
+"""Base classes of the metrics."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from safe_inspect.simulators.team import TeamStep
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import BoolArray, FloatArray
 
-#: How the values of an episode's steps become one number.
+#: How the values of an episode's steps are reduced to one number.
 Reduce = Literal["sum", "max", "min", "last", "mean"]
 
 Seen = TypeVar("Seen")
 
 
 class BaseMetric(Plugin):
-    """Measures an episode: called at every step, its values are reduced to one number.
+    """Base class of metrics. A metric is called at every step; its values are reduced to one number per episode.
 
-    A metric has no memory and changes nothing that it is given. NaN means "nothing to measure in this step" and is
-    left out; an episode without any value is NaN.
+    A metric has no state and must not modify its arguments. NaN means "nothing to measure in this step" and is ignored;
+    an episode without any value has the result NaN.
 
     Class attributes:
-        unit: Unit of the number; ``-`` for a pure number. A property where it depends on the fields.
-        reduce: How the values of the steps become one number: their ``sum``, ``max``, ``min``, ``mean``, or the
-            ``last`` of them.
-        over_agents: How the numbers of several agents become the team's; as `reduce` says unless given, and the mean
-            for ``last``.
+        unit: Unit of the number; ``-`` for a dimensionless number. A property if it depends on the fields.
+        reduce: Reduction of the values of the steps to one number: ``sum``, ``max``, ``min``, ``mean`` or ``last``.
+        over_agents: Reduction of the numbers of several agents to one of the team. Default: that of `reduce`, or the
+            mean for ``last``.
     """
 
     kind: ClassVar[str] = "metric"
@@ -41,54 +40,54 @@ class BaseMetric(Plugin):
 
     @property
     def label(self) -> str:
-        """Name of the metric in tables and files; the class name in words unless it is overridden."""
+        """Name of the metric in tables and files. By default the words of the class name."""
         words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", self.registered_name)
         return words.lower().replace("delta v", "delta-v")
 
     @property
     def team_reduce(self) -> Literal["sum", "max", "min", "mean"]:
-        """How the numbers of several agents become the team's."""
+        """Reduction of the numbers of several agents to one of the team."""
         return self.over_agents or ("mean" if self.reduce == "last" else self.reduce)
 
 
 class Metric(BaseMetric):
-    """Measures every agent: called with a `Step`, it returns a value of each row, shape (R,)."""
+    """Base class of metrics of an agent. Called with a `Step`, one returns a value for each row, shape (R,)."""
 
     @abstractmethod
     def __call__(self, step: Step) -> FloatArray:
-        """Return a value of each row, NaN where there is nothing to measure, shape (R,)."""
+        """Return a value for each row, NaN where there is nothing to measure, shape (R,)."""
 
     def conclude(self, value: FloatArray, step: Step) -> FloatArray:
-        """Return the number of each row's episode, shape (R,), when it ends with this step; as it is by default.
+        """Return the final number of each row's episode, shape (R,), if it ends in this step. Default: `value`.
 
         Args:
-            value: What the steps of the episode were reduced to, NaN without any value, shape (R,).
-            step: The last step; rows that do not end with it count for nothing.
+            value: Reduced value of the episode's steps, NaN if there is none, shape (R,).
+            step: The last step; rows whose episodes do not end in it are ignored.
         """
         return value
 
 
 class TeamMetric(BaseMetric):
-    """Measures every environment: called with a `TeamStep`, it returns a value of each, shape (N,).
+    """Base class of metrics of an environment. Called with a `TeamStep`, one returns a value for each, shape (N,).
 
-    `fired` and `has` of the step are empty.
+    The fields `fired` and `has` of the step are empty.
     """
 
     @abstractmethod
     def __call__(self, step: TeamStep) -> FloatArray:
-        """Return a value of each environment, NaN where there is nothing to measure, shape (N,)."""
+        """Return a value for each environment, NaN where there is nothing to measure, shape (N,)."""
 
 
 def over_both(
     step: Any, first: BoolArray, measure: Callable[[Any], FloatArray], choose: Callable[..., Any]
 ) -> FloatArray:
-    """Return a measure of the state after the step; in first steps that of the beginning counts too.
+    """Return a measure of the state after the step, in first steps combined with that of the initial state.
 
     Args:
-        step: What has `before` and `after`.
+        step: An object with the fields `before` and `after`.
         first: Rows in which this is the first step of the episode.
-        measure: From a state to a value of each row.
-        choose: ``np.minimum`` or ``np.maximum``.
+        measure: Function from a state to a value for each row.
+        choose: ``np.minimum`` or ``np.maximum``, which combines the two values.
     """
     after = measure(step.after)
     if not first.any():

@@ -1,4 +1,4 @@
-"""What is inspected, when, and at which price."""
+"""Metrics of coverage: inspected points, and the time and velocity change that they required."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from safe_inspect.types import FloatArray
 
 
 class InspectedPoints(TeamMetric):
-    """Number of points that the team has inspected at the end; shape (N,).
+    """Number of points that the team has inspected at the end of the episode; shape (N,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
+        inspection_entity_name: Name of the body with the points.
     """
 
     unit: ClassVar[str] = "points"
@@ -32,10 +32,10 @@ class InspectedPoints(TeamMetric):
 
 
 class InspectedFraction(TeamMetric):
-    """Fraction of the points that the team has inspected at the end [-]; shape (N,).
+    """Fraction of the points that the team has inspected at the end of the episode [-]; shape (N,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
+        inspection_entity_name: Name of the body with the points.
     """
 
     reduce: ClassVar[Reduce] = "last"
@@ -49,10 +49,10 @@ class InspectedFraction(TeamMetric):
 
 
 class InspectedScore(TeamMetric):
-    """Summed weight of the points that the team has inspected at the end [-]; shape (N,).
+    """Total weight of the points that the team has inspected at the end of the episode [-]; shape (N,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
+        inspection_entity_name: Name of the body with the points.
     """
 
     reduce: ClassVar[Reduce] = "last"
@@ -65,11 +65,11 @@ class InspectedScore(TeamMetric):
 
 
 class TimeToCoverage(TeamMetric):
-    """Time at which the team has inspected a fraction of the points, NaN where it never has; shape (N,).
+    """Time at which the team has inspected a fraction of the points, NaN if it does not; shape (N,).
 
     Attributes:
-        fraction: The fraction of the points [-], in (0, 1].
-        inspection_entity_name: The body that carries the points.
+        fraction: Required fraction of the points [-], in (0, 1].
+        inspection_entity_name: Name of the body with the points.
     """
 
     unit: ClassVar[str] = "s"
@@ -80,11 +80,11 @@ class TimeToCoverage(TeamMetric):
 
     @property
     def label(self) -> str:
-        """Name in tables."""
+        """Name of the metric in tables."""
         return f"time to {100 * self.fraction:g} %"
 
     def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the time since the reset where the fraction is reached [s], else NaN, shape (N,)."""
+        """Return the time since the reset where the fraction is reached [s], otherwise NaN, shape (N,)."""
         name = self.inspection_entity_name
         wanted = self.fraction * step.after.world.points[name].num_points - 1e-9
         reached = step.after.state.points[name].team_count >= wanted
@@ -94,10 +94,10 @@ class TimeToCoverage(TeamMetric):
 
 
 class OwnInspectedPoints(Metric):
-    """Number of points that the agent's own deputy was the first to inspect; shape (R,).
+    """Number of points that the agent's deputy was the first to inspect; shape (R,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
+        inspection_entity_name: Name of the body with the points.
     """
 
     unit: ClassVar[str] = "points"
@@ -111,11 +111,11 @@ class OwnInspectedPoints(Metric):
 
 
 class DeltaVToCoverage(Metric):
-    """Velocity change that the agent had spent when the team had inspected a fraction of the points; shape (R,).
+    """Velocity change that the agent has used when the team has inspected a fraction of the points; shape (R,).
 
     Attributes:
-        fraction: The fraction of the points [-], in (0, 1].
-        inspection_entity_name: The body that carries the points.
+        fraction: Required fraction of the points [-], in (0, 1].
+        inspection_entity_name: Name of the body with the points.
     """
 
     unit: ClassVar[str] = "m/s"
@@ -127,20 +127,20 @@ class DeltaVToCoverage(Metric):
 
     @property
     def label(self) -> str:
-        """Name in tables."""
+        """Name of the metric in tables."""
         return f"delta-v to {100 * self.fraction:g} %"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return the velocity change where the fraction is reached [m/s], else NaN, shape (R,)."""
+        """Return the velocity change where the fraction is reached [m/s], otherwise NaN, shape (R,)."""
         points = step.after.points(self.inspection_entity_name)
         return np.where(points.count >= self.fraction * points.num_points - 1e-9, step.after.delta_v, np.nan)
 
 
 class DeltaVAfterLastPoint(Metric):
-    """Velocity change spent after the step in which the team inspected its last new point; shape (R,).
+    """Velocity change that is used after the step in which the team inspected its last new point; shape (R,).
 
     Attributes:
-        inspection_entity_name: The body that carries the points.
+        inspection_entity_name: Name of the body with the points.
     """
 
     unit: ClassVar[str] = "m/s"
@@ -150,13 +150,13 @@ class DeltaVAfterLastPoint(Metric):
 
     @property
     def label(self) -> str:
-        """Name in tables."""
+        """Name of the metric in tables."""
         return "delta-v after last point"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return the velocity change so far in steps with new points [m/s], else NaN, shape (R,)."""
+        """Return the velocity change so far in steps with new points [m/s], otherwise NaN, shape (R,)."""
         return np.where(step.new_points(self.inspection_entity_name) > 0, step.after.delta_v, np.nan)
 
     def conclude(self, value: FloatArray, step: Step) -> FloatArray:
-        """Return what was spent since [m/s], all of it where no point was ever inspected, shape (R,)."""
+        """Return the velocity change since the last new point [m/s], or the total if there was none, shape (R,)."""
         return np.asarray(step.after.delta_v - np.where(np.isnan(value), 0.0, value))

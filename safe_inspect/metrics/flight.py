@@ -1,4 +1,4 @@
-"""How an agent flies: fuel, time, range and speed."""
+"""Metrics of an agent's trajectory: fuel, time, range and speed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from safe_inspect.units import PositiveForce
 
 
 def _size(vector: FloatArray) -> FloatArray:
-    """Return the length of each vector, without a reduction whose order could depend on the batch."""
+    """Return the length of each vector; the order of summation does not depend on the batch."""
     x, y, z = vector[:, 0], vector[:, 1], vector[:, 2]
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 class DeltaV(Metric):
-    """Velocity change spent: the sum of abs(u_i) dt / m over axes and steps; shape (R,)."""
+    """Velocity change: the sum of abs(u_i) dt / m over axes and steps; shape (R,)."""
 
     unit: ClassVar[str] = "m/s"
     reduce: ClassVar[Reduce] = "last"
@@ -31,7 +31,7 @@ class DeltaV(Metric):
 
 
 class EpisodeLength(Metric):
-    """Number of steps until the agent has ended; shape (R,)."""
+    """Number of steps until the agent's episode ends; shape (R,)."""
 
     unit: ClassVar[str] = "steps"
     reduce: ClassVar[Reduce] = "sum"
@@ -43,24 +43,24 @@ class EpisodeLength(Metric):
 
 
 class Decisions(Metric):
-    """Number of actions that were taken: fewer than steps where they hold for several of them; shape (R,)."""
+    """Number of decisions, fewer than steps if an action lasts for several of them; shape (R,)."""
 
     unit: ClassVar[str] = "decisions"
     reduce: ClassVar[Reduce] = "sum"
     over_agents: ClassVar = "mean"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows whose action was taken in this step, else 0, shape (R,)."""
+        """Return 1 in the rows with a new action in this step, otherwise 0, shape (R,)."""
         if not step.before.group.decides:
             return np.ones(step.after.num_rows)
         return np.asarray(step.before.memory(DECISION, REMAINING) == 0, dtype=np.float64)
 
 
 class SmallestRange(Metric):
-    """Smallest distance from a body's centre at the beginning and at the steps; shape (R,).
+    """Smallest distance from a body's centre, at the initial state and after the steps; shape (R,).
 
     Attributes:
-        entity_name: The body.
+        entity_name: Name of the body.
     """
 
     unit: ClassVar[str] = "m"
@@ -77,10 +77,10 @@ class SmallestRange(Metric):
 
 
 class LargestRange(Metric):
-    """Largest distance from a body's centre at the beginning and at the steps; shape (R,).
+    """Largest distance from a body's centre, at the initial state and after the steps; shape (R,).
 
     Attributes:
-        entity_name: The body.
+        entity_name: Name of the body.
     """
 
     unit: ClassVar[str] = "m"
@@ -97,10 +97,10 @@ class LargestRange(Metric):
 
 
 class LargestSpeed(Metric):
-    """Largest speed relative to a body at the beginning and at the steps; shape (R,).
+    """Largest speed relative to a body, at the initial state and after the steps; shape (R,).
 
     Attributes:
-        entity_name: The body.
+        entity_name: Name of the body.
     """
 
     unit: ClassVar[str] = "m/s"
@@ -120,7 +120,7 @@ class ThrustingSteps(Metric):
     """Number of steps with thrust; shape (R,).
 
     Attributes:
-        threshold: A step counts when the sum of abs(u_i) exceeds this [N].
+        threshold: A step counts if the sum of abs(u_i) exceeds this value [N].
     """
 
     unit: ClassVar[str] = "steps"
@@ -129,5 +129,5 @@ class ThrustingSteps(Metric):
     threshold: PositiveForce = 1e-3
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with thrust, else 0, shape (R,)."""
+        """Return 1 in the rows with thrust, otherwise 0, shape (R,)."""
         return np.where(step.total_thrust > self.threshold, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""How safe an agent flies: interventions, safety quantities and distances."""
+"""Metrics of an agent's safety: interventions, safety quantities and distances."""
 
 from __future__ import annotations
 
@@ -24,40 +24,40 @@ class Interventions(Metric):
     reduce: ClassVar[Reduce] = "sum"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with an intervention, else 0, shape (R,)."""
+        """Return 1 in the rows with an intervention, otherwise 0, shape (R,)."""
         return np.where(step.intervening, 1.0, 0.0)
 
 
 class InvalidActions(Metric):
-    """Number of steps in which the agent's action was NaN or infinite and a safety filter's backup was flown; (R,)."""
+    """Number of steps with a NaN or infinite action, which the safety filter replaced by the backup's; shape (R,)."""
 
     unit: ClassVar[str] = "steps"
     reduce: ClassVar[Reduce] = "sum"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with an invalid action, else 0, shape (R,)."""
+        """Return 1 in the rows with an invalid action, otherwise 0, shape (R,)."""
         return np.zeros(step.after.num_rows) if step.invalid is None else np.where(step.invalid, 1.0, 0.0)
 
 
 class InterventionShare(Metric):
-    """Share of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
+    """Fraction of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
 
     reduce: ClassVar[Reduce] = "mean"
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with an intervention, else 0, shape (R,)."""
+        """Return 1 in the rows with an intervention, otherwise 0, shape (R,)."""
         return np.where(step.intervening, 1.0, 0.0)
 
 
 class SmallestPhi(Metric):
-    """Smallest plain safety quantity phi of a constraint at the beginning and at the steps, below 0: violated; (R,).
+    """Smallest plain safety quantity phi of a constraint, at the initial state and after the steps; shape (R,).
 
-    It looks at the states alone, whether a filter is enabled or not.
+    A value below 0 is a violation. Only the states matter, not whether a filter is enabled.
 
     Attributes:
         constraint: The constraint, with its parameters.
-        about: What the constraint looks at: the deputy about the ``chief``, or about each of the other ``deputies``, of
-            which the smallest counts; NaN without others.
+        about: Body relative to which the constraint is evaluated: the ``chief``, or each of the other ``deputies``, of
+            which the smallest value counts; NaN if there are none.
     """
 
     reduce: ClassVar[Reduce] = "min"
@@ -72,7 +72,7 @@ class SmallestPhi(Metric):
 
     @property
     def label(self) -> str:
-        """Name in tables."""
+        """Name of the metric in tables."""
         return f"phi {name_of(self.constraint)}"  # type: ignore[arg-type]
 
     def __call__(self, step: Step) -> FloatArray:
@@ -81,7 +81,7 @@ class SmallestPhi(Metric):
 
     def _phi(self, view: View) -> FloatArray:
         constraint: Any = self.constraint
-        assert isinstance(constraint, Constraint), "the field gives a plugin of the kind that is asked for"
+        assert isinstance(constraint, Constraint), "the field only accepts constraints"
         if self.about == "chief":
             return constraint.phi(RelativeState(view.position, view.velocity, view.sun_angle))
         least = np.full(view.num_rows, np.nan)
@@ -93,13 +93,13 @@ class SmallestPhi(Metric):
 
 
 class ClosestDeputies(TeamMetric):
-    """Smallest distance of two deputies at the beginning and at the steps, NaN with one deputy; shape (N,)."""
+    """Smallest distance between two deputies, at the initial state and after the steps, NaN with one; shape (N,)."""
 
     unit: ClassVar[str] = "m"
     reduce: ClassVar[Reduce] = "min"
 
     def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the distance of the nearest two [m], shape (N,)."""
+        """Return the smallest distance between two deputies [m], shape (N,)."""
         return over_both(step, np.asarray(step.before.step == 0), self._distance, np.minimum)
 
     @staticmethod

@@ -1,7 +1,7 @@
-"""Statistics of figures over episodes: interquartile mean, bootstrap intervals, Wilson's interval, paired differences.
+"""Statistics over episodes: interquartile mean, bootstrap intervals, Wilson's interval, paired differences.
 
 The interquartile mean and its stratified bootstrap are those of Agarwal et al., "Deep Reinforcement Learning at the
-Edge of the Statistical Precipice" (NeurIPS 2021). Every interval is a function of the values and the seed.
+Edge of the Statistical Precipice" (NeurIPS 2021). All intervals are functions of the values and the seed.
 """
 
 from __future__ import annotations
@@ -15,38 +15,38 @@ import numpy as np
 
 from safe_inspect.types import AnyArray, FloatArray
 
-#: Resamples of a bootstrap, the level of every interval, and the seed of the resampling.
+#: Number of resamples of a bootstrap, level of every interval, and seed of the resampling.
 RESAMPLES, LEVEL, SEED = 2000, 0.95, 0
-#: Numbers that a bootstrap draws at a time.
+#: Largest number of values that a bootstrap draws at once.
 _BATCH = 4_000_000
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A confidence interval, NaN where there are too few values."""
+    """A confidence interval, NaN if there are too few values."""
 
     low: float
     high: float
 
     def as_list(self) -> list[float | None]:
-        """Return both ends for JSON; what is not known is None."""
+        """Return both ends for JSON; None for unknown ones."""
         return [known(self.low), known(self.high)]
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One figure over many episodes; NaN where there is no value.
+    """Estimate of one quantity over many episodes; NaN if there is no value.
 
     Attributes:
         count: Number of episodes with a value.
         mean: Arithmetic mean.
-        standard_deviation: Of the sample, with n - 1.
+        standard_deviation: Sample standard deviation, with n - 1.
         mean_interval: 95 % bootstrap interval of the mean.
         iqm: Interquartile mean.
         iqm_interval: 95 % bootstrap interval of the interquartile mean.
         minimum: Smallest value.
         maximum: Largest value.
-        unit: Unit of all of them; ``-`` for a pure number.
+        unit: Unit of all of them; ``-`` for a dimensionless quantity.
     """
 
     count: int
@@ -60,7 +60,7 @@ class Estimate:
     unit: str = "-"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers for JSON; what is not known is None."""
+        """Return plain numbers for JSON; None for unknown ones."""
         content: dict[str, Any] = {}
         for name, value in asdict(self).items():
             content[name] = known(value) if isinstance(value, float) else value
@@ -69,12 +69,12 @@ class Estimate:
 
 
 def known(value: float) -> float | None:
-    """Return a number for JSON; None for what is not finite."""
+    """Return a number for JSON, or None if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 def interquartile_mean(values: AnyArray, axis: int = -1) -> Any:
-    """Return the mean of the middle half: of n sorted values, floor(n / 4) are left out at each end."""
+    """Return the mean of the middle half: of n sorted values, floor(n / 4) are discarded at each end."""
     from scipy.stats import trim_mean
 
     return trim_mean(values, 0.25, axis=axis)
@@ -88,11 +88,12 @@ def bootstrap(
     level: float = LEVEL,
     seed: int = SEED,
 ) -> Interval:
-    """Return the percentile interval of a statistic by a stratified bootstrap: each stratum is resampled by itself.
+    """Return the percentile interval of a statistic by a stratified bootstrap: each stratum is resampled separately.
 
     Args:
-        strata: The values of each stratum, such as the episodes of each training seed. One: the usual bootstrap.
-        statistic: From all values and the keyword `axis` to the statistic along that axis.
+        strata: The values of each stratum, such as the episodes of each training seed. With one stratum this is the
+            usual bootstrap.
+        statistic: Function from all values and the keyword `axis` to the statistic along that axis.
         resamples: Number of resamples.
         level: Confidence level.
         seed: Seed of the resampling.
@@ -104,7 +105,7 @@ def bootstrap(
     whole = np.concatenate(strata)
     if (whole == whole[0]).all():
         return Interval(float(whole[0]), float(whole[0]))
-    if any(len(values) < 2 for values in strata):  # SciPy resamples no single value
+    if any(len(values) < 2 for values in strata):  # SciPy does not resample a single value
         fixed = np.concatenate([values for values in strata if len(values) < 2])
         strata = [values for values in strata if len(values) > 1]
         if not strata:
@@ -133,12 +134,12 @@ def bootstrap(
 
 
 def estimate(values: AnyArray | Sequence[AnyArray], unit: str = "-", *, seed: int = SEED) -> Estimate:
-    """Return the estimate of a figure.
+    """Return the estimate of a quantity.
 
     Args:
-        values: The figure of each episode, NaN where it has none, shape (E,); or a sequence of such, one for each
+        values: The value of each episode, NaN if it has none, shape (E,); or a sequence of such arrays, one for each
             stratum.
-        unit: Unit of the figure.
+        unit: Unit of the quantity.
         seed: Seed of the resampling.
     """
     parts = [values] if isinstance(values, np.ndarray) else list(values)
@@ -162,7 +163,7 @@ def estimate(values: AnyArray | Sequence[AnyArray], unit: str = "-", *, seed: in
 
 
 def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
-    """Return Wilson's score interval of a rate.
+    """Return Wilson's score interval of a success rate.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
     """
@@ -176,7 +177,7 @@ def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
 
 @dataclass(frozen=True)
 class Difference:
-    """A figure of one evaluation less that of another, episode by episode.
+    """Difference of a quantity between two evaluations, episode by episode.
 
     Attributes:
         count: Number of episodes in which both have a value.
@@ -184,8 +185,8 @@ class Difference:
         interval: 95 % bootstrap interval of the mean, over pairs.
         iqm: Interquartile mean of the differences.
         iqm_interval: 95 % bootstrap interval of the interquartile mean, over pairs.
-        smaller: Share of the pairs with a difference below 0.
-        larger: Share of the pairs with a difference above 0.
+        smaller: Fraction of the pairs with a difference below 0.
+        larger: Fraction of the pairs with a difference above 0.
         unit: Unit of the differences.
     """
 
@@ -200,13 +201,13 @@ class Difference:
 
     @property
     def verdict(self) -> Literal["lower", "higher", ""]:
-        """Whether the interval of the mean lies below or above 0; empty when 0 lies within."""
+        """Whether the interval of the mean is below or above 0; empty if it contains 0."""
         if self.interval.high < 0.0:
             return "lower"
         return "higher" if self.interval.low > 0.0 else ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers for JSON; what is not known is None."""
+        """Return plain numbers for JSON; None for unknown ones."""
         content: dict[str, Any] = {}
         for name, value in asdict(self).items():
             content[name] = known(value) if isinstance(value, float) else value
@@ -215,13 +216,13 @@ class Difference:
 
 
 def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-", *, seed: int = SEED) -> Difference:
-    """Return one figure less another, both of the same episodes, shape (E,).
+    """Return the difference of a quantity, `one` - `other`, of the same episodes, shape (E,).
 
     Raises:
-        ValueError: They have not the same shape.
+        ValueError: Their shapes differ.
     """
     if one.shape != other.shape:
-        raise ValueError(f"pairs have the same shape, not {one.shape} and {other.shape}")
+        raise ValueError(f"paired values must have the same shape, not {one.shape} and {other.shape}")
     apart = np.asarray(one, dtype=np.float64) - np.asarray(other, dtype=np.float64)
     apart = apart[~np.isnan(apart)]
     if not len(apart):

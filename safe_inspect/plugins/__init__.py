@@ -1,4 +1,4 @@
-"""What a plugin is, and how a configuration finds it by kind and name."""
+"""The base class of all plugins, and how a configuration finds a plugin by kind and name."""
 
 from safe_inspect.plugins.plugin import (
     ControllerName,

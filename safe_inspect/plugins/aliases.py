@@ -1,4 +1,4 @@
-"""The peer's names: paths of CoRL and safe-autonomy-sims, and the name of this package's plugin for each."""
+"""Aliases: dotted paths of CoRL and safe-autonomy-sims, each with the name of this package's plugin for it."""
 
 from __future__ import annotations
 

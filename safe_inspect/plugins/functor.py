@@ -1,8 +1,8 @@
-"""Functors in a configuration: ``{functor: NAME, name: ..., config: {...}}`` and the plugin that each stands for.
+"""Functors: mappings ``{functor: NAME, name: ..., config: {...}}`` in a configuration that describe plugins.
 
-`functor_field(kind)` is a Pydantic field type that takes such a mapping (or a
-plugin that is built already) and gives the plugin, so that plugins nest to any
-depth and every mistake keeps its path of keys.
+`functor_field(kind)` returns a Pydantic field type that accepts such a mapping
+(or a plugin that is already built) and validates to the plugin. Plugins may be
+nested to any depth; each error has the full path of its key.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import cause_of, registry
 
-#: The key that holds the plugin's name, by the kinds that do not call it ``functor``.
+#: The key of the plugin's name, for the kinds whose key is not ``functor``.
 NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
 
-#: In a JSON schema, the kind of functor that stands there; `safe_inspect.config.messages.schema` spells it out.
+#: The key that marks a functor's kind in a JSON schema; `safe_inspect.config.messages.schema` replaces the mark with
+#: the full schema.
 SCHEMA_KIND = "x-functor"
 
 T = TypeVar("T")
@@ -29,36 +30,36 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Named(Generic[T]):
-    """A functor with the name that metrics and messages give it."""
+    """A functor with its name in metrics and messages."""
 
     name: str
     functor: T
 
 
 def name_key(kind: str) -> str:
-    """Return the key under which a configuration names a plugin of that kind."""
+    """Return the key that contains the name of a plugin of that kind in a configuration."""
     return NAME_KEYS.get(kind, "functor")
 
 
 def build(kind: str, value: Any) -> Plugin:
-    """Build the plugin that a mapping describes.
+    """Build a plugin from its description.
 
     Args:
-        kind: The kind that is wanted.
-        value: A mapping with the plugin's name, ``config`` and, for plugins that hold others, ``wrapped``;
-            or a bare name; or a plugin of that kind.
+        kind: The expected kind.
+        value: A mapping with the plugin's name, ``config`` and, for plugins that contain others, ``wrapped``;
+            or the name alone; or a plugin of that kind.
 
     Raises:
-        PydanticCustomError: The mapping is wrong. `errors_of` unfolds the errors inside it.
+        PydanticCustomError: The description is wrong. `errors_of` lists the errors inside it.
     """
     if isinstance(value, Plugin):
         if value.kind != kind:
-            raise _error(f"a {value.kind} ({value.registered_name}) stands where a {kind} is wanted")
+            raise _error(f"expected a {kind}, got the {value.kind} {value.registered_name}")
         return value
     if isinstance(value, str):
         value = {name_key(kind): value}
     if not isinstance(value, Mapping):
-        raise _error(f"a {kind} is a mapping with the key `{name_key(kind)}`, not {value!r}")
+        raise _error(f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")
     key = name_key(kind)
     known = {key, "name", "config", "wrapped"}
     problems = [
@@ -70,7 +71,7 @@ def build(kind: str, value: Any) -> Plugin:
     if key not in value:
         problems.append(_problem((), f"a {kind} needs the key `{key}`, the name of its class"))
     elif not isinstance(value[key], str):
-        problems.append(_problem((key,), f"the name of a {kind} is a text, not {value[key]!r}"))
+        problems.append(_problem((key,), f"the name of a {kind} must be a string, not {value[key]!r}"))
     else:
         try:
             cls = registry.get(kind, value[key])
@@ -78,35 +79,35 @@ def build(kind: str, value: Any) -> Plugin:
             problems.append(_problem((key,), str(error)))
     config = value.get("config") or {}
     if not isinstance(config, Mapping):
-        problems.append(_problem(("config",), f"`config` is a mapping of the {kind}'s fields, not {config!r}"))
+        problems.append(_problem(("config",), f"`config` must be a mapping of the {kind}'s fields, not {config!r}"))
         config, cls = {}, None
     plugin: Plugin | None = None
     if cls is not None:
         fields = dict(config)
         takes_name = "name" in value and "name" in cls.model_fields
         if takes_name and fields.setdefault("name", value["name"]) != value["name"]:
-            problems.append(_problem(("name",), f"`config` gives another name, {fields['name']!r}; remove one"))
+            problems.append(_problem(("name",), f"`config` has another name, {fields['name']!r}; remove one of them"))
         if "wrapped" in value:
             if "wrapped" in cls.model_fields:
                 fields["wrapped"] = value["wrapped"]
             else:
-                problems.append(_problem(("wrapped",), f"{cls.registered_name} wraps nothing; remove the key"))
+                problems.append(_problem(("wrapped",), f"{cls.registered_name} takes no `wrapped`; remove the key"))
         try:
             plugin = cls.model_validate(fields)
         except ValidationError as error:
             problems += [_located(problem, cls) for problem in errors_of(error)]
-        except (Exception, SystemExit) as error:  # of a validator that its author wrote; those of Pydantic's are above
-            problems.append(_problem((), f"{cls.registered_name} cannot be made: {cause_of(error)}"))
+        except (Exception, SystemExit) as error:  # raised by a plugin's code; Pydantic's own errors are handled above
+            problems.append(_problem((), f"{cls.registered_name} cannot be built: {cause_of(error)}"))
     if problems or plugin is None:
         raise PydanticCustomError("functor", "the functor is wrong", {"errors": problems})
     return plugin
 
 
 def misplaced(problems: Iterable[tuple[tuple[int | str, ...], str]]) -> PydanticCustomError:
-    """Return the error of a validator that knows which fields are wrong: each message stands at its own path.
+    """Return an error for a validator that knows which fields are wrong, with each message at the path of its field.
 
     Args:
-        problems: The path of each mistake, from the model that is validated, and its message.
+        problems: The path of each mistake, relative to the model that is validated, and its message.
     """
     problems = list(problems)
     text = "; ".join(said for _, said in problems).replace("{", "{{").replace("}", "}}")
@@ -114,7 +115,7 @@ def misplaced(problems: Iterable[tuple[tuple[int | str, ...], str]]) -> Pydantic
 
 
 def describe(plugin: Plugin) -> dict[str, Any]:
-    """Return the mapping that `build` makes the plugin from."""
+    """Return the mapping from which `build` creates the plugin."""
     config = plugin.model_dump(mode="json")
     wrapped = config.pop("wrapped", None)
     mapping: dict[str, Any] = {name_key(plugin.kind): plugin.registered_name, "config": config}
@@ -124,7 +125,7 @@ def describe(plugin: Plugin) -> dict[str, Any]:
 
 
 def errors_of(error: ValidationError) -> list[dict[str, Any]]:
-    """Return every error with its whole path (``loc``), those inside functors unfolded."""
+    """Return all errors, including those inside functors, each with its full path (``loc``)."""
     return list(_unfold(error.errors(include_url=False), ()))
 
 
@@ -152,7 +153,7 @@ def _unfold(errors: Any, prefix: tuple[int | str, ...]) -> Any:
 
 
 def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
-    """Put an error of a plugin's field where the configuration has the field."""
+    """Return an error of a plugin's field with the path that the field has in the configuration."""
     loc = tuple(problem["loc"])
     where = loc if loc[:1] == ("wrapped",) else ("config", *loc)
     located = {**problem, "loc": where}

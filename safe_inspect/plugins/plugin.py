@@ -1,8 +1,8 @@
-"""The plugin contract: a plugin is one frozen Pydantic class with ``__call__``.
+"""The base class of all plugins: each plugin is one frozen Pydantic class with a ``__call__`` method.
 
-Its fields are its configuration, unknown keys are forbidden, and defining it
-registers it under its class name. A concrete plugin is final: wrap it, do not
-subclass it.
+The fields of the class are its configuration, and unknown keys are forbidden.
+Defining a class registers it under its class name. A concrete plugin is final:
+wrap it instead of subclassing it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ _BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_
 
 @dataclass(frozen=True)
 class Reference:
-    """Marks a field that names something of the environment, so that a wrong name is found before the first step.
+    """Marker of a field that refers to an object of the environment by name.
+
+    It lets a wrong name be reported before the first step.
 
     Attributes:
         kind: ``sensor``, ``controller``, ``entity``, ``platform``, ``points`` or ``done``.
@@ -40,10 +42,10 @@ DoneName = Annotated[str, Reference("done")]
 
 
 class Plugin(StrictNumbers):
-    """Base of every plugin; one abstract subclass for each kind sets `kind`.
+    """Base class of all plugins; each kind has one abstract subclass that sets `kind`.
 
     Class keywords:
-        name: The name in the registry; the class name unless given.
+        name: Name in the registry. Default: the class name.
     """
 
     model_config = ConfigDict(
@@ -54,7 +56,7 @@ class Plugin(StrictNumbers):
     registered_name: ClassVar[str] = ""
 
     def __init_subclass__(cls, *, name: str = "", **kwargs: Any) -> None:
-        """Take the class keyword `name`, which `__pydantic_init_subclass__` reads once the fields are complete."""
+        """Accept the class keyword `name`, which `__pydantic_init_subclass__` reads when all fields are defined."""
         super().__init_subclass__(**kwargs)
 
     @classmethod
@@ -62,7 +64,8 @@ class Plugin(StrictNumbers):
         """Register a concrete class.
 
         Raises:
-            TypeError: The class extends a concrete plugin, or one of its methods does not take what it is called with.
+            TypeError: The class extends a concrete plugin, or one of its methods cannot be called with the arguments
+                of the method that it overrides.
         """
         super().__pydantic_init_subclass__(**kwargs)
         _check_methods(cls)
@@ -70,14 +73,14 @@ class Plugin(StrictNumbers):
             if isinstance(parent, type) and issubclass(parent, Plugin) and parent.registered_name:
                 raise TypeError(
                     f"{cls.__qualname__} extends the plugin {parent.__qualname__}, which is final; "
-                    f"hold one in a field and call it instead"
+                    f"put an instance in a field and call it instead"
                 )
         if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
             cls.registered_name = name or cls.__name__
             registry.add(cls.kind, cls.registered_name, cls)
 
     def __eq__(self, other: object) -> bool:
-        """Plugins are equal when their fields are; what they have cached, arrays perhaps, does not count."""
+        """Return whether class and fields are equal; cached values, which may be arrays, are not compared."""
         if not isinstance(other, Plugin):
             return NotImplemented
         return type(self) is type(other) and all(
@@ -85,18 +88,18 @@ class Plugin(StrictNumbers):
         )
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Self:
-        """Return the plugin itself: it is frozen."""
+        """Return the plugin itself, which is safe because it is frozen."""
         return self
 
     def __getstate__(self) -> dict[Any, Any]:
-        """Leave out of pickles what cached properties have computed; it is computed again when it is needed."""
+        """Return the state to pickle without cached properties; they are computed again when needed."""
         state = super().__getstate__()
         fields = type(self).model_fields
         return state | {"__dict__": {name: value for name, value in state["__dict__"].items() if name in fields}}
 
     @classmethod
     def references(cls) -> dict[str, str]:
-        """Return the fields that name something of the environment: field name to the kind of thing."""
+        """Return the fields that refer to objects of the environment: field name to kind of object."""
         return {
             field: mark.kind
             for field, info in cls.model_fields.items()
@@ -114,7 +117,7 @@ def _methods(cls: type) -> set[str]:
 
 
 def _check_methods(cls: type) -> None:
-    """Check that what a class defines anew can be called as what it stands for."""
+    """Raise TypeError when an overriding method cannot be called with the arguments of the method it overrides."""
     for name, own in vars(cls).items():
         declared = next((vars(parent)[name] for parent in cls.__mro__[1:] if name in vars(parent)), None)
         if not (inspect.isfunction(own) and inspect.isfunction(declared) and declared.__module__.startswith(_PACKAGE)):

@@ -1,10 +1,10 @@
 """The registry: every plugin class by kind and name.
 
 Defining a plugin class registers it (see `safe_inspect.plugins.plugin`). A name in a
-configuration is, in this order, a name of the peer's (`safe_inspect.plugins.aliases`), a
-registered name, or a dotted path ``package.module.Class`` that is imported.
-Distributions announce their modules in the entry-point group
-``safe_inspect.plugins``; they are imported when a name is looked up.
+configuration is looked up in this order: as a path of safe-autonomy-sims or CoRL
+(`safe_inspect.plugins.aliases`), as a registered name, and as a dotted path
+``package.module.Class``, which is imported. Other distributions list their modules in the
+entry-point group ``safe_inspect.plugins``; they are imported at the first look-up.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from safe_inspect.plugins.aliases import ALIASES
 
 ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
-#: The modules that define the plugins of this package, imported at the first look-up.
+#: The modules that define the built-in plugins. They are imported at the first look-up.
 BUILT_IN = (
     "safe_inspect.dynamics",
     "safe_inspect.simulators",
@@ -47,22 +47,22 @@ class Registry:
         self._loaded = False
 
     def add(self, kind: str, name: str, cls: type[Any]) -> None:
-        """Register a class; the same class defined again (a reloaded module, a notebook cell) replaces itself.
+        """Register a class; a class that is defined again (reloaded module, notebook cell) replaces its old version.
 
         Raises:
-            RegistryError: Another class has the name.
+            RegistryError: The name is already registered for another class.
         """
         known = self._classes.setdefault(kind, {})
         other = known.get(name)
         if other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
             raise RegistryError(
-                f"the {kind} name {name!r} of {cls.__module__}.{cls.__qualname__} is taken by "
+                f"the {kind} name {name!r} of {cls.__module__}.{cls.__qualname__} is already registered for "
                 f"{other.__module__}.{other.__qualname__}; give the class another name"
             )
         known[name] = cls
 
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds that have a plugin, sorted."""
+        """Return the kinds that have at least one plugin, sorted."""
         self._load()
         return tuple(sorted(self._classes))
 
@@ -75,15 +75,15 @@ class Registry:
         """Return the class of that kind and name.
 
         Args:
-            kind: The kind that is wanted.
-            name: A registered name, a path of the peer's, or a dotted path to a class.
+            kind: The expected kind.
+            name: A registered name, a path of safe-autonomy-sims or CoRL, or a dotted path to a class.
 
         Raises:
-            RegistryError: There is none; the message names the nearest.
+            RegistryError: There is no such class; the message suggests the most similar names.
         """
         name = ALIASES.get(name, name)
         found = self._classes.get(kind, {}).get(name)
-        if found is not None:  # a base class that a package imports may name a plugin while others are still loaded
+        if found is not None:  # before loading: a plugin may be looked up while other built-in modules are imported
             return found
         self._load()
         known = self._classes.get(kind, {})
@@ -94,7 +94,8 @@ class Registry:
             raise RegistryError(f"unknown {kind} {name!r}; {self._suggest(kind, name)}")
         if head.split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
             raise RegistryError(
-                f"{name!r} is a path of the peer's that this package has no {kind} for; {self._suggest(kind, tail)}"
+                f"{name!r} is a path of safe-autonomy-sims or CoRL without a matching {kind} in this package; "
+                f"{self._suggest(kind, tail)}"
             )
         return self._import(kind, name, head, tail)
 
@@ -104,19 +105,19 @@ class Registry:
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
-            raise RegistryError(f"{name!r} is not a plugin; a {kind} is a subclass of {self._base(kind)}")
+            raise RegistryError(f"{name!r} is not a plugin; a {kind} must be a subclass of {self._base(kind)}")
         if not cls.registered_name:
             lacks = ", ".join(f"`{method}`" for method in sorted(getattr(cls, "__abstractmethods__", ())))
             hint = (
-                f"name one of its subclasses, {self._suggest(kind, '')}" if cls.__subclasses__() else f"give it {lacks}"
+                f"name one of its subclasses, {self._suggest(kind, '')}" if cls.__subclasses__() else f"define {lacks}"
             )
             raise RegistryError(f"{name!r} is an abstract class; {hint}")
         if cls.kind != kind:
-            raise RegistryError(f"{name!r} is a {cls.kind}; a {kind} is wanted here")
+            raise RegistryError(f"{name!r} is a {cls.kind}; expected a {kind} here")
         return cls
 
     def _base(self, kind: str) -> str:
-        """Return the path of the class that the plugins of a kind extend."""
+        """Return the dotted path of the base class of a kind's plugins."""
         first = next(iter(self._classes.get(kind, {}).values()))
         base = next(cls for cls in reversed(first.__mro__) if vars(cls).get("kind") == kind)
         package = base.__module__.rpartition(".")[0]
@@ -126,7 +127,7 @@ class Registry:
     def _suggest(self, kind: str, name: str) -> str:
         for other, classes in self._classes.items():
             if other != kind and name in classes:
-                return f"{name!r} is a {other}; a {kind} is wanted here"
+                return f"{name!r} is a {other}; expected a {kind} here"
         return did_you_mean(name, self._classes.get(kind, {}))
 
     def _load(self) -> None:
@@ -140,38 +141,38 @@ class Registry:
                 entry.load()
             except (Exception, SystemExit) as error:
                 package = entry.dist.name if entry.dist is not None else entry.value
-                what = f"the plugins of {package} are missing, its module {entry.module} cannot be imported"
-                warnings.warn(f"{what}: {cause_of(error)}; mend or uninstall it", RuntimeWarning, stacklevel=2)
+                what = f"the plugins of {package} are not available: its module {entry.module} cannot be imported"
+                warnings.warn(f"{what}: {cause_of(error)}; fix or uninstall it", RuntimeWarning, stacklevel=2)
 
 
 def import_user_module(name: str, wanted: str = "") -> ModuleType:
-    """Return a module that a configuration names.
+    """Import and return a module that a configuration names.
 
     Args:
-        name: Its dotted path.
-        wanted: What the message of a missing module ends in.
+        name: Dotted path of the module.
+        wanted: End of the message when the module does not exist.
 
     Raises:
-        RegistryError: There is none, or it cannot be imported; the message names the file, the line and the cause.
+        RegistryError: The module does not exist or cannot be imported; the message states file, line and cause.
     """
     if not all(part.isidentifier() for part in name.split(".")):
-        raise RegistryError(f"{name!r} is not the path of a module; write it as package.module")
+        raise RegistryError(f"{name!r} is not a module path; write it as package.module")
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise RegistryError(f"no module {name!r}{wanted or '; install it or mend the name'}") from None
-        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; mend it") from error
+            raise RegistryError(f"no module {name!r}{wanted or '; install it or correct the name'}") from None
+        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
-        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; mend it") from error
+        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
 
 
 def cause_of(error: BaseException) -> str:
-    """Return file, line, class and text of what an import, or a class that a user wrote, has raised."""
+    """Return file, line, class and message of an error that was raised by an import or by a user's class."""
     if isinstance(error, SyntaxError):
         place = f"{error.filename}:{error.lineno}"
         return f"{place}: {type(error).__name__}: {error.msg}"
-    between = ("importlib", f"{os.sep}pydantic{os.sep}", os.path.dirname(__file__))  # the author wrote none of these
+    between = ("importlib", f"{os.sep}pydantic{os.sep}", os.path.dirname(__file__))  # not the user's code
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)[1:]

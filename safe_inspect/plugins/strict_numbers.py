@@ -1,4 +1,4 @@
-"""`StrictNumbers`: models whose numbers are not given as truth values."""
+"""`StrictNumbers`: base of models that do not accept a boolean for a number."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic_core import PydanticKnownError
 
 
 class StrictNumbers(BaseModel):
-    """Base of models that refuse ``true`` for a number, as which YAML reads ``yes`` and ``on``."""
+    """Base of models that reject ``true`` for a number. YAML also reads ``yes`` and ``on`` as ``true``."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -27,11 +27,11 @@ class StrictNumbers(BaseModel):
 
 
 def _scalars(annotation: Any) -> Iterator[Any]:
-    """Yield the types of the values that an annotation admits, those of items included."""
+    """Yield the types of the values that an annotation accepts, including those of items."""
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         base, *marks = typing.get_args(annotation)
-        if not any(isinstance(mark, BeforeValidator) for mark in marks):  # such a type has a check of its own
+        if not any(isinstance(mark, BeforeValidator) for mark in marks):  # such a type checks its values itself
             yield from _scalars(base)
     elif origin in (typing.Union, types.UnionType, tuple, list):
         for member in typing.get_args(annotation):

@@ -1,4 +1,4 @@
-"""Reward functors. Importing it registers them."""
+"""Reward functors. Importing the package registers them."""
 
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rewards.crash import InspectionCrashReward

@@ -1,4 +1,4 @@
-"""Base of the rewards."""
+"""Base class of the rewards."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from safe_inspect.types import FloatArray
 
 
 class Reward(RowPlugin):
-    """A term of the reward: called with a `Step`, it returns the reward of each row [-], shape (R,).
+    """Base class of a reward term. Called with a `Step`, it returns the reward of each row [-], shape (R,).
 
-    A reward has no memory and changes nothing that it is given. It defines ``__call__``, or `row`, a row kernel that
-    returns a number.
+    A reward has no state and must not modify its arguments. A subclass defines either ``__call__`` or `row`, a row
+    kernel that returns a number.
     """
 
     kind: ClassVar[str] = "reward"

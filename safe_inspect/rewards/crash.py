@@ -1,4 +1,4 @@
-"""The price of a crash."""
+"""Penalty for a crash."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class InspectionCrashReward(Reward):
     Attributes:
         scale: Reward of a crash, a negative number [-].
         crash_region_radius: Smallest range [m].
-        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
-        reference_velocity_sensor_name: Sensor of the reference's velocity; the peer's key, without effect on the rule.
+        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; a key of safe-autonomy-sims, without effect.
     """
 
     scale: float = -1.0
@@ -35,7 +35,7 @@ class InspectionCrashReward(Reward):
     reference_velocity_sensor_name: SensorName | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale where the range is smaller, else 0."""
+        """Return the row kernel: scale if the range is too small, otherwise 0."""
         return RowTerm(
             _crash, (self.scale, self.crash_region_radius, *range_inputs(self.reference_position_sensor_name))
         )

@@ -1,4 +1,4 @@
-"""The price of fuel."""
+"""Penalties for the use of fuel."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class InspectionDeltaVReward(Reward):
     """Pay scale * sum_i abs(u_i) dt / m for the thrust u; shape (R,).
 
     Attributes:
-        mode: ``scale``: the simulator's adaptive scale. ``constant``: the field `scale`.
-        scale: Reward for 1 m/s, a negative number [1/(m/s)]; for the mode ``constant``.
-        constant_scale: The same, for any mode; the peer's key.
-        moments: Whether moments [N m] are added to the thrusts, number by number, as by the peer.
-        step_size: Length of a step [s]; the step's own unless given.
-        mass: Mass of the deputy [kg]; the platform's own unless given.
+        mode: ``scale`` uses the simulator's adaptive scale, ``constant`` the field `scale`.
+        scale: Reward for 1 m/s, a negative number [1/(m/s)]; used in the mode ``constant``.
+        constant_scale: The same for any mode; a key of safe-autonomy-sims.
+        moments: Whether moments [N m] are added to the thrusts [N] as numbers, as in safe-autonomy-sims.
+        step_size: Duration of a step [s]. Default: the duration of the environment's step.
+        mass: Mass of the deputy [kg]. Default: the mass of the platform.
     """
 
     mode: Literal["scale", "constant"] = "scale"
@@ -52,7 +52,7 @@ class InspectionDeltaVReward(Reward):
     mass: PositiveMass | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale times the velocity change."""
+        """Return the row kernel: scale times the velocity change."""
         constant = self.scale if self.constant_scale is None else self.constant_scale
         adaptive = self.mode == "scale" and self.constant_scale is None
         scale = EnvironmentArray("delta_v_scale", before=True) if adaptive else constant
@@ -71,8 +71,8 @@ class DockingDeltaVReward(Reward):
     Attributes:
         scale: Reward for 1 m/s, a negative number [1/(m/s)].
         bias: Reward of every step [-].
-        step_size: Length of a step [s]; the step's own unless given.
-        mass: Mass of the deputy [kg]; the platform's own unless given.
+        step_size: Duration of a step [s]. Default: the duration of the environment's step.
+        mass: Mass of the deputy [kg]. Default: the mass of the platform.
     """
 
     scale: float = Field(default=-0.01, le=0)
@@ -81,7 +81,7 @@ class DockingDeltaVReward(Reward):
     mass: PositiveMass | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale times the velocity change, and the bias."""
+        """Return the row kernel: scale times the velocity change, plus the bias."""
         duration = _seconds_per_mass(self, world, group)
         return RowTerm(_price_with_bias, (self.scale, self.bias, duration, OwnArray("control")))
 

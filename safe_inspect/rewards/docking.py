@@ -1,4 +1,4 @@
-"""Rewards of docking with a chief at rest."""
+"""Rewards for docking with a chief that does not tumble."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ def _violation(
 class DockingDistanceExponentialChangeReward(Reward):
     """Pay scale c (exp(-a r') - exp(-a r)) for the ranges r before and r' after the step; shape (R,).
 
-    With a = ln(pivot_ratio) / pivot. The sum over an episode depends on its first and its last state alone.
+    With a = ln(pivot_ratio) / pivot. The sum over an episode depends only on its first and its last state.
 
     Attributes:
         c: Factor of the exponentials [-].
-        pivot: Range at which the exponential has fallen to 1 / `pivot_ratio` [m].
+        pivot: Range at which the exponential is 1 / `pivot_ratio` [m].
         pivot_ratio: See `pivot` [-].
         scale: Factor of the reward [-].
-        pays_first_step: Whether the first step of an episode is paid. The peer's CoRL environment does not pay it.
-        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
+        pays_first_step: Whether the first step of an episode is paid. It is not in safe-autonomy-sims with CoRL.
+        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
     """
 
     c: float = 2.0
@@ -68,7 +68,7 @@ class DockingDistanceExponentialChangeReward(Reward):
     reference_position_sensor_name: SensorName | None = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the change of the exponential."""
+        """Return the row kernel: the scaled change of the exponential."""
         rate = math.log(self.pivot_ratio) / self.pivot
         factors = np.array([self.scale * self.c, rate, float(self.pays_first_step)])
         own, reference = range_inputs(self.reference_position_sensor_name)
@@ -77,18 +77,18 @@ class DockingDistanceExponentialChangeReward(Reward):
 
 
 class DockingVelocityConstraintReward(ReferenceSpeedLimit, Reward):
-    """Pay scale (speed - L) + bias in a step at whose end the speed violates the limit L; shape (R,).
+    """Pay scale (speed - L) + bias in a step that ends with a speed above the limit L; shape (R,).
 
     Attributes:
-        scale: Reward of an excess of 1 m/s, a negative number [1/(m/s)].
-        bias: Reward of any violation, a negative number [-].
+        scale: Reward for 1 m/s above the limit, a negative number [1/(m/s)].
+        bias: Reward for any violation, a negative number [-].
     """
 
     scale: float = -0.01
     bias: float = -0.01
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the price of the excess, 0 without one."""
+        """Return the row kernel: the penalty for the speed above the limit, otherwise 0."""
         line = self.limit_line(world)
         return RowTerm(_violation, (line, self.scale, self.bias, *own_motion(), *self.reference_inputs()))
 
@@ -135,29 +135,29 @@ def _failure(
 
 
 class DockingSuccessReward(DockingRegion, Reward):
-    """Pay scale (2 - t / timeout) in a step in which the deputy docks, at the time t of its end; shape (R,).
+    """Pay scale (2 - t / timeout) in the step in which the deputy docks, where t is its end time; shape (R,).
 
     Attributes:
-        scale: Reward of docking at the end of the time [-].
-        timeout: Time at which docking earns `scale`, and at once twice as much [s].
+        scale: Reward for docking at the time `timeout` [-].
+        timeout: Time at which docking is rewarded with `scale`; docking at time 0 is rewarded with twice as much [s].
     """
 
     scale: float = 1.0
     timeout: PositiveDuration = 2000.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the reward of docking, else 0."""
+        """Return the row kernel: the reward if the deputy docks, otherwise 0."""
         pays = np.array([self.scale, self.timeout])
         return RowTerm(_success, (self.rule(world), pays, EnvironmentArray("time"), *self.inputs()))
 
 
 class DockingFailureReward(DockingRegion, Reward):
-    """Pay for a failure, the first of: out of time, too far away, in the docking region too fast; shape (R,).
+    """Pay for a failure, the first of: time limit, too far away, docking region entered too fast; shape (R,).
 
     Attributes:
         timeout_reward: Reward when the time reaches `timeout`, a negative number [-].
         distance_reward: Reward when the range reaches `max_goal_distance`, a negative number [-].
-        crash_reward: Reward when the docking region is reached above the speed limit, a negative number [-].
+        crash_reward: Reward when the deputy enters the docking region above the speed limit, a negative number [-].
         timeout: Largest time [s].
         max_goal_distance: Largest range [m].
     """
@@ -169,7 +169,7 @@ class DockingFailureReward(DockingRegion, Reward):
     max_goal_distance: PositiveLength = 10_000.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the price of the failure, else 0."""
+        """Return the row kernel: the reward of the failure, otherwise 0."""
         pays = np.array(
             [self.timeout_reward, self.distance_reward, self.crash_reward, self.timeout, self.max_goal_distance]
         )

@@ -1,4 +1,4 @@
-"""Rewards of a rendezvous with a tumbling target."""
+"""Rewards for a rendezvous with a tumbling target."""
 
 from __future__ import annotations
 
@@ -54,32 +54,32 @@ def _contact(scale: float, radius: float, clearance: float) -> float:
 
 
 class MatingProgressReward(Reward):
-    """Pay `scale` for every metre that the docking error ``sqrt(|dp|^2 + (T |dv|)^2)`` has shrunk; shape (R,).
+    """Pay `scale` for every metre by which the docking error ``sqrt(|dp|^2 + (T |dv|)^2)`` decreases; shape (R,).
 
-    ``dp`` and ``dv`` are position and velocity relative to the mating point. The sum over an episode depends on its
-    first and its last state alone.
+    ``dp`` and ``dv`` are position and velocity relative to the mating point. The sum over an episode depends only on
+    its first and its last state.
 
     Attributes:
-        scale: Reward of a metre [1/m].
-        time_scale: T: what a relative velocity weighs [s].
+        scale: Reward for one metre [1/m].
+        time_scale: T, the weight of the relative velocity in the error [s].
     """
 
     scale: float = 1.0
     time_scale: NonNegativeDuration = 5.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale times the decrease of the docking error."""
+        """Return the row kernel: scale times the decrease of the docking error."""
         weights = np.array([self.scale, self.time_scale])
         return RowTerm(_progress, (weights, *docking_inputs(before=True), *docking_inputs()))
 
 
 class MatingSuccessReward(Reward):
-    """Pay `scale` in a step at whose end the chaser is docked; shape (R,).
+    """Pay `scale` in a step at the end of which the chaser is docked; shape (R,).
 
     Attributes:
-        scale: Reward of docking [-].
-        reach: Largest distance to the mating point [m].
-        speed: Largest speed relative to it [m/s].
+        scale: Reward for docking [-].
+        reach: Largest distance from the mating point [m].
+        speed: Largest speed relative to the mating point [m/s].
     """
 
     scale: float = 1.0
@@ -87,15 +87,15 @@ class MatingSuccessReward(Reward):
     speed: PositiveSpeed = 0.01
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale where the chaser is docked, else 0."""
+        """Return the row kernel: scale if the chaser is docked, otherwise 0."""
         return RowTerm(_docked, (self.scale, self.reach, self.speed, *docking_inputs()))
 
 
 class ContactReward(Reward):
-    """Pay `scale` in a step at whose end the chaser touches the target; shape (R,).
+    """Pay `scale` in a step at the end of which the chaser touches the target; shape (R,).
 
     Attributes:
-        scale: Reward of a contact, a negative number [-].
+        scale: Reward for a contact, a negative number [-].
         radius: Radius of the chaser [m].
     """
 
@@ -103,5 +103,5 @@ class ContactReward(Reward):
     radius: PositiveLength = 0.25
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale where the clearance is below the radius, else 0."""
+        """Return the row kernel: scale if the clearance is below the radius, otherwise 0."""
         return RowTerm(_contact, (self.scale, self.radius, OwnArray("clearance")))

@@ -1,4 +1,4 @@
-"""The reward for a camera that faces a body."""
+"""Reward for pointing a camera at a body."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from safe_inspect.types import FloatArray
 
 @njit
 def facing(axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray) -> float:
-    """Return the cosine of the angle between a camera's axis and the way to a body; 0 where there is no way.
+    """Return the cosine of the angle between a camera's axis and the direction to a body, 0 at distance 0.
 
     Args:
         axis: Unit vector of the axis in body axes, shape (3,).
-        orientation: Attitude from body to Hill's frame, shape (4,).
-        position: Own position [m], shape (3,).
+        orientation: Attitude quaternion from body to Hill's frame, shape (4,).
+        position: Position of the camera's vehicle [m], shape (3,).
         target: Position of the body [m], shape (3,).
     """
     x, y, z = target[0] - position[0], target[1] - position[1], target[2] - position[2]
@@ -48,20 +48,21 @@ def _decay(
 
 
 class GaussianDecayFromTargetValue(Reward):
-    """Pay ``scale exp(-(f - target)^2 / eps)`` for the cosine f of the camera's axis and the way to a body; shape (R,).
+    """Pay ``scale exp(-(f - target)^2 / eps)``, where f is the cosine of the camera's angle to a body; shape (R,).
 
-    Nothing is paid where f is farther from the target than `max_diff`. With the defaults the camera is to face the
-    body, and looking away from it earns nothing.
+    The angle is that between the camera's axis and the direction to the body. Nothing is paid if f differs from the
+    target by more than `max_diff`. With the defaults, pointing at the body is rewarded, and pointing away from it pays
+    nothing.
 
     Attributes:
-        entity_name: The body.
+        entity_name: Name of the body.
         initial_sensor_unit_vec: Axis of the camera in body axes; any length.
         reward_scale: Largest reward of a step [-].
-        target_value: The cosine that earns most [-].
-        eps: Width of the bell [-].
-        max_diff: Largest difference from the target that is paid [-].
-        observation: The peer's key: it names the observation whose value is rewarded, which must be that cosine.
-        index: The peer's key: the element of that observation; it has one.
+        target_value: The cosine with the largest reward [-].
+        eps: Width of the Gaussian [-].
+        max_diff: Largest rewarded difference from the target [-].
+        observation: A key of safe-autonomy-sims: the rewarded observation, which must be that cosine.
+        index: A key of safe-autonomy-sims: the element of that observation, which has only one.
     """
 
     entity_name: EntityName = "chief"
@@ -81,13 +82,13 @@ class GaussianDecayFromTargetValue(Reward):
         names = str(value)
         if value is not None and not all(part in names for part in ("OrientationUnitVector", "DotProduct", "Position")):
             raise ValueError(
-                "the reward is for the inner product of the camera's axis and the relative position, no other "
-                "observation; remove the key, and name the body by `entity_name`"
+                "the reward supports only the inner product of the camera's axis and the relative position as "
+                "observation; remove the key, and name the body in `entity_name`"
             )
         return value
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the reward of the cosine."""
+        """Return the row kernel: the reward for the cosine."""
         rule = np.array([self.reward_scale, self.target_value, self.eps, self.max_diff])
         axis = np.array(self.initial_sensor_unit_vec) / math.hypot(*self.initial_sensor_unit_vec)
         return RowTerm(

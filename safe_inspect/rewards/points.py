@@ -51,12 +51,12 @@ def _safely_complete(
 class ObservedPointsReward(Reward):
     """Pay `scale` for every point that the team first inspects in this step, or for its weight; shape (R,).
 
-    Points seen at the reset are paid in the episode's first step.
+    Points that are seen at the reset are paid in the episode's first step.
 
     Attributes:
-        scale: Reward of one point, or of the weight of all of them [-].
-        inspection_entity_name: The body that carries the points.
-        weighted_priority: Pay the summed weight of the new points instead of their number.
+        scale: Reward for one point, or for the weight of all points [-].
+        inspection_entity_name: Name of the body with the points.
+        weighted_priority: Pay the total weight of the new points instead of their number.
     """
 
     scale: float = 0.01
@@ -64,7 +64,7 @@ class ObservedPointsReward(Reward):
     weighted_priority: bool = False
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale times the number, or the weight, of new points."""
+        """Return the row kernel: scale times the number or the weight of new points."""
         name = f"points/{self.inspection_entity_name}/{'team_score' if self.weighted_priority else 'team_count'}"
         before = EnvironmentArray("step", before=True), EnvironmentArray(name, before=True)
         kernel = _new_weight if self.weighted_priority else _new_points
@@ -72,12 +72,12 @@ class ObservedPointsReward(Reward):
 
 
 class InspectionSuccessReward(Reward):
-    """Pay `scale` in a step at whose end every point is inspected, or enough of their summed weight; shape (R,).
+    """Pay `scale` in a step at the end of which all points, or points of enough weight, are inspected; shape (R,).
 
     Attributes:
-        scale: Reward of success [-].
-        inspection_entity_name: The body that carries the points.
-        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+        scale: Reward for success [-].
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     scale: float = 1.0
@@ -85,18 +85,18 @@ class InspectionSuccessReward(Reward):
     weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale where the inspection is complete, else 0."""
+        """Return the row kernel: scale if the inspection is complete, otherwise 0."""
         return RowTerm(_complete, (self.scale, *completion(world, self.inspection_entity_name, self.weight_threshold)))
 
 
 class SafeInspectionSuccessReward(PassiveSafety, Reward):
-    """Pay in a step at whose end the inspection is complete, by whether coasting on is safe; shape (R,).
+    """Pay in a step at the end of which the inspection is complete, depending on the safety of coasting; shape (R,).
 
     Attributes:
-        scale: Reward when coasting for an orbit stays outside of the crash region [-].
-        crash_scale: Reward when it does not [-].
-        inspection_entity_name: The body that carries the points.
-        weight_threshold: Summed weight of inspected points that is enough, in (0, 1]; None: all points.
+        scale: Reward if the deputy would stay outside the crash region while coasting for an orbit [-].
+        crash_scale: Reward if it would not [-].
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     scale: float = 1.0
@@ -105,7 +105,7 @@ class SafeInspectionSuccessReward(PassiveSafety, Reward):
     weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale or crash_scale where the inspection is complete, else 0."""
+        """Return the row kernel: scale or crash_scale if the inspection is complete, otherwise 0."""
         n, radius, *motion = self.coasting_inputs(world)
         complete = completion(world, self.inspection_entity_name, self.weight_threshold)
         pays = np.array([self.scale, self.crash_scale])

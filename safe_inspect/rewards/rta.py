@@ -1,4 +1,4 @@
-"""The price of being corrected by run-time assurance."""
+"""Penalty for interventions of the safety filter."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class InspectionRTAReward(Reward):
     """Pay `scale` in a step in which a safety filter changed the thrust; shape (R,).
 
     Attributes:
-        scale: Reward of an intervention, a negative number [-].
+        scale: Reward for an intervention, a negative number [-].
     """
 
     scale: float = -0.01
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return scale with an intervention, else 0."""
+        """Return the row kernel: scale in a step with an intervention, otherwise 0."""
         return RowTerm(_intervention, (self.scale, Intervening()))

@@ -1,4 +1,4 @@
-"""Rewards for staying in the episode, and prices of how it ends."""
+"""Rewards for each step of an episode, and for its end."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ def _alive(reward: float, last: float, time: float) -> float:
 
 
 class LiveTimestepReward(Reward):
-    """Pay `step_reward` in every step that ends at `max_time_rewarded` or before; shape (R,).
+    """Pay `step_reward` in every step that ends no later than `max_time_rewarded`; shape (R,).
 
     Attributes:
-        step_reward: Reward of a step [-].
-        max_time_rewarded: Time since the reset up to which steps are paid [s].
+        step_reward: Reward for a step [-].
+        max_time_rewarded: Time since the reset until which steps are paid [s].
     """
 
     step_reward: float = 0.001
     max_time_rewarded: PositiveDuration = 3000.0
 
     def row(self, world: World, group: Group) -> RowTerm:
-        """Return the reward of the step."""
+        """Return the row kernel: the reward of the step."""
         return RowTerm(_alive, (self.step_reward, self.max_time_rewarded, EnvironmentArray("time")))
 
 
 @functools.cache
 def _paid(done: Kernel[..., bool], count: int) -> Kernel[..., float]:
-    """Return the row kernel that pays where a done function's gives true."""
+    """Return a row kernel that pays if a done function's kernel returns True."""
     inputs = ", ".join(f"a{index}" for index in range(count))
     return generate(
         "paid", f"def paid(scale, {inputs}):\n    return scale if done({inputs}) else 0.0\n", {"done": done}
@@ -54,9 +54,9 @@ class WinLoseDoneReward(Reward):
     """Pay `scale` in a step in which a done function ends the episode; shape (R,).
 
     Attributes:
-        scale: Reward of that end [-].
-        done_name: Name of one of the agent's done functions, which then stands for `done`.
-        done_status: What the end is to mean; that of the done function unless given.
+        scale: Reward for that end [-].
+        done_name: Name of one of the agent's done functions, which replaces `done`.
+        done_status: Expected status of the end. Default: the status of the done function.
         done: The done function.
     """
 
@@ -66,7 +66,7 @@ class WinLoseDoneReward(Reward):
     done: functor_field("done") = "MaxDistanceDoneFunction"  # type: ignore[valid-type]
 
     def with_dones(self, dones: Mapping[str, Any]) -> WinLoseDoneReward:
-        """Return the reward with the done function that `done_name` names.
+        """Return the reward with the done function of the name `done_name`.
 
         Args:
             dones: The agent's done functions by name.
@@ -77,18 +77,18 @@ class WinLoseDoneReward(Reward):
         done: Any = self.done if self.done_name is None else dones[self.done_name]
         if self.done_status is not None and done.status.name.lower() != self.done_status:
             raise ValueError(
-                f"{done.registered_name} ends episodes with `{done.status.name.lower()}`, never with "
+                f"{done.registered_name} ends episodes with `{done.status.name.lower()}`, not with "
                 f"`{self.done_status}`; change `done_status`"
             )
         return self.model_copy(update={"done": done})
 
     def row(self, world: World, group: Group) -> RowTerm | None:
-        """Return scale where the done function fires, else 0."""
+        """Return the row kernel: scale if the done function fires, otherwise 0."""
         done: Any = self.done
         term = done.row(world, group)
         return None if term is None else RowTerm(_paid(term.kernel, len(term.inputs)), (self.scale, *term.inputs))
 
     def __call__(self, step: Step) -> FloatArray:
-        """Return scale where the done function fires, else 0, shape (R,)."""
+        """Return scale where the done function fires, otherwise 0, shape (R,)."""
         done: Any = self.done
         return np.where(done(step), self.scale, 0.0)

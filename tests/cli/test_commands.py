@@ -150,12 +150,12 @@ def test_list_of_what_is_not_there(typed, words, shown):
         (
             EXPERIMENT,
             ("algorithm=DQN",),
-            "DQN learns choices, and the actions are real numbers; replace ControllerGlue",
+            "DQN supports only discrete actions, but these are continuous; replace ControllerGlue",
         ),
         (
             SHIPPED,
             ("algorithm=SAC",),
-            "SAC learns real numbers, and the actions are choices among levels, one",
+            "SAC supports only continuous actions, but these are discrete, one level",
         ),
     ],
 )
@@ -172,15 +172,14 @@ def test_a_policy_that_cannot_be_flown_is_reported_before_the_training(typed):
     recurrent = "agent_config.0.policy={algorithm: DQN, config: {model_config: {use_lstm: True}}}"
     code, _, err = typed("validate", "configs/translational-inspection/experiment.yml", recurrent)
     assert code == 0
-    assert "note: recurrent policies of DQN are not exported to ONNX" in err
+    assert "note: recurrent policies of DQN cannot be exported to ONNX" in err
     code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: SAC}")
     assert code == 0
     assert "policies" not in err
     code, _, err = typed("validate", EXPERIMENT, "agent_config.0.policy={algorithm: DreamerV3}")
     assert code == 0
     assert (
-        "note: policies of DreamerV3 train and resume, but are not flown; those of PPO, APPO, IMPALA, SAC, DQN are"
-        in err
+        "note: policies of DreamerV3 can be trained, but not evaluated; those of PPO, APPO, IMPALA, SAC, DQN can" in err
     )
 
 

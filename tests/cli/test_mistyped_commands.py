@@ -58,13 +58,13 @@ def typed(capsys):
         (["baseline", "random", "--force"], "--force replaces what --output names"),
         (["evaluate", "random", "--record", "5", *SHORT, "--output", "o"], "--record 5: there are only 3 episodes"),
         (["evaluate", "random", "--metric", "{functor: TimeToCoverage, config: {fraction: 2}}"],
-         "config.fraction: wants a number of 1 or less, got 2"),
+         "config.fraction: expected a number of 1 or less, got 2"),
         (["evaluate", "inspector", "--cfg", "safe_inspect/Docking-v0"],
          "no body with inspection points is named 'chief': this task has none"),
         (["validate", CFG, f"{REWARD}=os.system"],
-         "'os.system' is not a plugin; a reward is a subclass of safe_inspect.rewards.Reward"),
-        (["validate", CFG, f"{REWARD}=..rewards"], "is not the path of a module; write it as package.module"),
-        (["validate", CFG, "agent_config.0.name='a b'"], "wants a name without spaces and slashes, got 'a b'"),
+         "'os.system' is not a plugin; a reward must be a subclass of safe_inspect.rewards.Reward"),
+        (["validate", CFG, f"{REWARD}=..rewards"], "is not a module path; write it as package.module"),
+        (["validate", CFG, "agent_config.0.name='a b'"], "expected a name without spaces and slashes, got 'a b'"),
         (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in .png, .pdf, .svg; give such"),
         (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file ends in .onnx; give"),
         (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in"),
@@ -74,7 +74,7 @@ def typed(capsys):
         (["leaderboard", "--board", "Three deputy"],
          "--board: no board is named 'Three deputy'; did you mean `Three deputies`?"),
         (["validate", "safe_inspect/Doking-v0"],
-         "no task has the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
+         "there is no task with the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
         (["view", "random", "--cfg", CFG, "--output", "page.txt"], "page.txt"),
         (["draw", "random", "--until", "0"], "a time above 0 in seconds is wanted, not '0'"),
     ],
@@ -148,8 +148,8 @@ def test_files_that_are_none(typed):
     os.symlink("gone.yml", "broken")
     for name, shown in (
         ("fifo", "fifo:1: the file is empty"),
-        ("loop", "cannot read 'loop', a link to 'loop': Too many levels of symbolic links"),
-        ("broken", "cannot read 'broken', a link to 'gone.yml': No such file or directory"),
+        ("loop", "cannot read 'loop', a symbolic link to 'loop': Too many levels of symbolic links"),
+        ("broken", "cannot read 'broken', a symbolic link to 'gone.yml': No such file or directory"),
     ):
         code, _, err = typed("validate", name)
         assert (code, shown in err) == (2, True), err

@@ -61,10 +61,10 @@ def test_a_component_takes_the_parameters_that_it_declares():
         ({"sea": {"entity_class": "Tide"}}, "a Tide needs `height`"),
         ({"sea": {"entity_class": "Tide", "config": {"height": 1, "depth": 2}}}, "a Tide takes `height` alone"),
         ({"sea": {"entity_class": "Tide", "platform": "cwh", "config": {"height": 1}}}, "takes no `platform`"),
-        ({name: {"entity_class": "Tide", "config": {"height": 1}} for name in "ab"}, "there is a Tide already"),
+        ({name: {"entity_class": "Tide", "config": {"height": 1}} for name in "ab"}, "there is more than one Tide"),
         ({"sea": {"entity_class": "Tied"}}, "did you mean `Tide`"),
-        ({"sea": {"entity_class": "InspectionPoints"}}, "is no component with parameters here"),
-        ({"moon": {"platform": "six-dof"}}, "a body beside the deputies is a point"),
+        ({"sea": {"entity_class": "InspectionPoints"}}, "is not a component with reset parameters"),
+        ({"moon": {"platform": "six-dof"}}, "a body in addition to the deputies must be a point"),
     ],
 )
 def test_what_does_not_fit_is_named(entities, words):
@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_named(entities, words):
 
 def test_a_body_that_a_component_lacks_stands_where_it_is_named():
     points = {"functor": "InspectionPoints", "config": {"inspection_points_map": {"chef": {}}}}
-    with pytest.raises(ConfigError, match=r"simulator: no body is named 'chef'; did you mean `chief`"):
+    with pytest.raises(ConfigError, match=r"simulator: there is no body 'chef'; did you mean `chief`"):
         build_experiment(tree({}, **points))
 
 

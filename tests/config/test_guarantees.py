@@ -61,33 +61,33 @@ def _load(folder: str, *overrides: str, file: str = "experiment.yml") -> None:
     [
         (
             (f"{_SIMULATOR}.illumination_params.mean_motion=0.0005",),
-            "a sun that turns once an orbit, at 0.001027 rad/s",
+            "a sun with one rotation per orbit, 0.001027 rad/s",
         ),
-        ((f"{_CHIEF}.x=50",), "'chief' does not rest there"),
-        ((f"{_CHIEF}.y_dot=0.001",), "'chief' does not rest there"),
-        ((f"{_CHIEF}.z={{type: UniformParameter, config: {{low: 0, high: 1}}}}",), "'chief' does not rest there"),
+        ((f"{_CHIEF}.x=50",), "at the origin, and 'chief' is not"),
+        ((f"{_CHIEF}.y_dot=0.001",), "at the origin, and 'chief' is not"),
+        ((f"{_CHIEF}.z={{type: UniformParameter, config: {{low: 0, high: 1}}}}",), "at the origin, and 'chief' is not"),
         ((_CRASH,), "crashes within 15 m of the chief"),
-        ((_NEAR,), "lost beyond 400 m, and the filter lets it fly to 800 m"),
+        ((_NEAR,), "loses beyond 400 m, but the filter allows up to 800 m"),
         ((_PAIR,), "glues[0].wrapped[0].config.enabled: another safety filter of this agent is enabled"),
         ((_PLANE,), "blue0_ctrl has no controller along z"),
         (
             (f"{_SIMULATOR}.illumination_params.mean_motion=0.00102700001",),
-            "at 0.001027 rad/s, and this one turns at 0.00102700001 rad/s",
+            "0.001027 rad/s, but this one has 0.00102700001 rad/s",
         ),
-        ((f"{_THETA}=1.0",), "sun.config.theta: `init_state` tests initial states with a sun angle that it draws"),
+        ((f"{_THETA}=1.0",), "sun.config.theta: `init_state` tests initial states with a sun angle that it samples"),
         (
             (f"{_THETA}={{type: UniformParameter, config: {{units: rad, low: 0, high: 6}}}}",),
             "sun.config.theta: `init_st",
         ),
         (
             (_BEACON, f"{_AGENT}.parts.8.config.entity_name=beacon"),
-            "dones[1].config.reference_position_sensor_name: the filter keeps deputies safe about the origin, and "
-            "'reference_position' reads no body that rests there",
+            "dones[1].config.reference_position_sensor_name: the filter assumes a chief at rest at the origin, but "
+            "'reference_position' does not read such a body",
         ),
         (
             (_ABOUT_ITSELF,),
-            "dones[0].config.reference_position_sensor_name: the filter keeps deputies safe about the origin, and "
-            "'Sensor_Position' reads no body",
+            "dones[0].config.reference_position_sensor_name: the filter assumes a chief at rest at the origin, but "
+            "'Sensor_Position' does not read such a body",
         ),
         ((f"{_AGENT}.reference_store.constraints=[]",), "`constraints` is empty, so the filter enforces nothing"),
     ],
@@ -103,7 +103,7 @@ def test_what_voids_the_guarantee_is_refused(overrides: tuple[str, ...], words: 
 def test_a_filter_that_never_acts_is_refused() -> None:
     with pytest.raises(ConfigError) as caught:
         _load("translational-inspection", _NESTED)
-    words = "glues[0].wrapped[0].config.enabled: this safety filter is wrapped by a glue that does not filter"
+    words = "glues[0].wrapped[0].config.enabled: this safety filter has no effect, because a glue"
     assert words in str(caught.value)
 
 
@@ -115,7 +115,7 @@ def test_done_functions_about_other_bodies_are_no_concern_of_other_constraints()
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ("velocity_threshold=0.1", "reaches 0.5 m faster than 0.1 m/s, and the filter allows 0.2 m/s there"),
+        ("velocity_threshold=0.1", "reaches 0.5 m faster than 0.1 m/s, but the filter allows 0.2 m/s there"),
         ("threshold_distance=0.5 m", ""),
         ("velocity_threshold=0.3", ""),
         ("lower_bound=True", ""),
@@ -128,7 +128,7 @@ def test_a_crash_below_the_speed_limit_of_docking_is_refused(field: str, words: 
         return
     with pytest.raises(ConfigError) as caught:
         _load("docking", _DOCKING, f"{_TIGHT}.{field}")
-    assert f"dones[2].config.velocity_constraint: a deputy crashes that {words}" in str(caught.value)
+    assert f"dones[2].config.velocity_constraint: a deputy crashes if it {words}" in str(caught.value)
 
 
 def test_a_teams_filter_that_is_switched_off_blocks_nobody() -> None:
@@ -206,19 +206,22 @@ _COMPOSED = (
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ((_SILENT,), "SilentComponent may change the motion that the filter counts on, and declares no"),
+        ((_SILENT,), "SilentComponent may change the motion that the filter assumes, but has no"),
         ((_SILENT, f"{_BOUNDS}={{velocity: 1.0e-3}}"), "SilentComponent may change the motion"),
         ((_DECLARED, f"{_AGENT}.reference_store.constraints=[rel_vel]"), "Elliptic may change the motion"),
-        ((_ELLIPTIC,), "Elliptic may change the motion that the filter counts on, and declares no"),
-        ((_WIND,), "disturbed by Wind, and this filter promises nothing then; give it the bounds"),
+        ((_ELLIPTIC,), "Elliptic may change the motion that the filter assumes, but has no"),
+        ((_WIND,), "disturbed by Wind, and this filter gives no guarantee then; give the filter the bounds"),
         (
             (_WIND, f"{_BOUNDS}={{velocity: 9.0e-5}}"),
-            "`velocity` is 0.0001, by Wind, beyond this bound",
+            "`velocity` is 0.0001, from Wind, which exceeds this bound",
         ),
-        ((_DECLARED, f"{_BOUNDS}={{velocity: 7.0e-5}}"), "`velocity` is 8e-05, by Elliptic, beyond this bound"),
+        (
+            (_DECLARED, f"{_BOUNDS}={{velocity: 7.0e-5}}"),
+            "`velocity` is 8e-05, from Elliptic, which exceeds this bound",
+        ),
         (
             (_DECLARED, _WIND, f"{_BOUNDS}={{velocity: 1.5e-4}}"),
-            "`velocity` is 0.00018, by Wind and Elliptic, beyond this bound",
+            "`velocity` is 0.00018, from Wind and Elliptic, which exceeds this bound",
         ),
     ],
 )
@@ -239,7 +242,7 @@ def test_declared_bounds_within_those_of_the_filter_are_accepted() -> None:
 @pytest.mark.parametrize(("override", "name"), [(_SILENT, "SilentComponent"), (_ELLIPTIC, "Elliptic")])
 def test_what_declares_nothing_is_flown_with_a_warning_where_that_is_asked_for(override: str, name: str) -> None:
     with pytest.warns(
-        SafetyFilterWarning, match=f"{name} may change the motion.*the filter promises nothing"
+        SafetyFilterWarning, match=f"{name} may change the motion.*the filter gives no guarantee"
     ) as caught:
         _load("translational-inspection", _ON, override, "RTAGlueCWHInspection1v1.config.undeclared=warn")
     assert len(caught) == 1
@@ -280,7 +283,9 @@ def test_thrusters_that_cannot_brake_against_the_tide_are_flown_with_a_note() ->
 
 def test_thrusters_that_keep_nothing_are_refused() -> None:
     limits = [f"{_AGENT}.reference_store.constraints=[x_vel, {{functor: z_vel, config: {{vel_limit: 1.0e-5}}}}]"]
-    with pytest.raises(ConfigError, match=r"glues: blue0_ctrl: .* the filter can keep none of \d+ sampled safe states"):
+    with pytest.raises(
+        ConfigError, match=r"glues: blue0_ctrl: .* the filter cannot keep any of \d+ sampled safe states"
+    ):
         _load("translational-inspection", _ON, *_thrusters(0.001), *limits, file="experiment-seed.yml")
 
 
@@ -294,7 +299,7 @@ def test_a_mistake_in_what_is_checked_is_one_message() -> None:
     with pytest.raises(ConfigError) as caught:
         _load("translational-inspection", _ON, f"{_CHIEF}={{x: 0}}")
     assert "`y`" in str(caught.value)
-    assert "does not rest" not in str(caught.value)
+    assert "a chief at rest" not in str(caught.value)
 
 
 def test_constraints_that_are_left_out_ask_nothing() -> None:
@@ -304,12 +309,15 @@ def test_constraints_that_are_left_out_ask_nothing() -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("config.config.env_config.dones.shared.0.config.safety_constraint=12 m", "the filter keeps them 10 m apart"),
+        (
+            "config.config.env_config.dones.shared.0.config.safety_constraint=12 m",
+            "the filter only keeps them 10 m apart",
+        ),
         ("agent_config.0.config.config.parts.2.config.axis=1", "blue0_ctrl has no controller along z"),
-        (f"{_CHIEF}.x=50", "'chief' does not rest there"),
+        (f"{_CHIEF}.x=50", "at the origin, and 'chief' is not"),
         (
             f"{_SIMULATOR}.disturbance={_DISTURBANCE}",
-            "the simulation is disturbed by BoundedDisturbance, and this filter promises nothing then",
+            "the simulation is disturbed by BoundedDisturbance, and this filter gives no guarantee then",
         ),
     ],
 )

@@ -94,22 +94,18 @@ def test_a_missing_include_next_to_the_file(write):
     write({"x/a.yml": "x: !include ./parameter.yml\ny: !include parameters.yml\n", "x/parameters.yml": "{}"})
     first, second = problems("x/a.yml")
     assert first == (
-        "x/a.yml:1: the included file does not exist: './parameter.yml' (looked for x/parameter.yml); "
+        "x/a.yml:1: the included file does not exist: './parameter.yml' (searched: x/parameter.yml); "
         "did you mean `./parameters.yml`?"
     )
     assert second.startswith("x/a.yml:2: ")
-    assert second.endswith("; to include the file beside this one, write `./parameters.yml`")
+    assert second.endswith("; to include the file next to this one, write `./parameters.yml`")
 
 
 def test_a_circle_of_includes_shows_the_chain(write):
     write({"a.yml": "x: !include b.yml\n", "b.yml": "y: 1\nz: !include c.yml\n", "c.yml": "- !include b.yml\n"})
-    assert problems("a.yml") == [
-        "c.yml:1: the files include each other in a circle: b.yml -> c.yml -> b.yml; remove one `!include`"
-    ]
+    assert problems("a.yml") == ["c.yml:1: circular `!include`: b.yml -> c.yml -> b.yml; remove one `!include`"]
     write({"d.yml": "x: !include ./d.yml\n"})
-    assert problems("d.yml") == [
-        "d.yml:1: the files include each other in a circle: d.yml -> d.yml; remove one `!include`"
-    ]
+    assert problems("d.yml") == ["d.yml:1: circular `!include`: d.yml -> d.yml; remove one `!include`"]
 
 
 def test_mistakes_of_several_files_are_reported_together(write):

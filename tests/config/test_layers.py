@@ -78,13 +78,13 @@ def test_an_agent_of_files_and_of_short_keys_has_both(layered, file):
     ("text", "words"),
     [
         ("- rewards: []\n", r"experiment.yml:2.*unknown key `rewards`"),
-        ("- blue0_ctrl: {rewards: {DockingReward: {}}}\n", r"experiment.yml:2.*no item of the list is named"),
+        ("- blue0_ctrl: {rewards: {DockingReward: {}}}\n", r"experiment.yml:2.*the list has no item named"),
         ("- blue0_ctrl: {rewards: {DockingDeltaVReward: {config: {scael: 1}}}}\n", r"experiment.yml:2.*scael"),
-        ("- blue0_ctrl: 5\n", r"experiment.yml:2.*wants a mapping, got 5"),
-        ("- {config: 5, env_config: {horizon: 3}}\n", "item 0 of a list to be merged is no mapping but 5"),
+        ("- blue0_ctrl: 5\n", r"experiment.yml:2.*expected a mapping, got 5"),
+        ("- {config: 5, env_config: {horizon: 3}}\n", "item 0 of a merged list must be a mapping, not 5"),
         ("- {config: ./nowhere.yml, env_config: {horizon: 3}}\n", "does not exist: './nowhere.yml'"),
         ("- 5\n", "not an experiment"),
-        ("- env_config+: []\n", "`env_config`, to which it adds, is no list"),
+        ("- env_config+: []\n", "`env_config`, to which it appends, must be a list"),
     ],
 )
 def test_a_mistake_stands_where_it_is_written(layered, text, words):

@@ -30,11 +30,16 @@ def problems(experiment, found=()):
         (SEED, [], "", ""),
         (ONE, [_DQN], "", ""),
         (SEED, [_SAC], "", ""),
-        (SEED, [_DQN], "DQN learns choices, and the actions are real numbers", "replace ControllerGlue by Discrete"),
+        (
+            SEED,
+            [_DQN],
+            "DQN supports only discrete actions, but these are continuous",
+            "replace ControllerGlue by Discrete",
+        ),
         (
             ONE,
             [_SAC],
-            "SAC learns real numbers, and the actions are choices among levels, one for each controller",
+            "SAC supports only continuous actions, but these are discrete, one level for each controller",
             "replace DiscreteControllerGlue by ControllerGlue, or use PPO",
         ),
     ],
@@ -94,14 +99,18 @@ def test_what_stands_nowhere_or_has_a_place_keeps_it():
         (ONE, [], ""),
         (ONE, ["policy.config.model_config.use_lstm=True"], ""),
         (ONE, [_DQN], ""),
-        (ONE, [_DQN, "policy.config.model_config.use_lstm=True"], "recurrent policies of DQN are not exported to ONNX"),
+        (
+            ONE,
+            [_DQN, "policy.config.model_config.use_lstm=True"],
+            "recurrent policies of DQN cannot be exported to ONNX",
+        ),
         (SEED, [_SAC], ""),
         (
             ONE,
             ["policy.config={rl_module: x}"],
-            "are not flown: `rl_module` stands for code that no policy's file holds",
+            "but not evaluated: no policy file can contain the code of `rl_module`",
         ),
-        (ONE, ["policy.algorithm=BC"], "policies of BC train and resume, but are not flown; those of PPO"),
+        (ONE, ["policy.algorithm=BC"], "policies of BC can be trained, but not evaluated; those of PPO"),
     ],
 )
 def test_what_is_not_flown_is_noted(file, overrides, note):

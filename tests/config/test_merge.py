@@ -87,10 +87,10 @@ def test_items_that_are_no_mappings_are_errors(write):
     with pytest.raises(ConfigError) as caught:
         merge(tree["x"])
     assert [str(problem) for problem in caught.value.problems] == [
-        "a.yml:3: item 1 of a list to be merged is no mapping but 3",
-        "a.yml:4: item 2 of a list to be merged is no mapping but 'b'",
+        "a.yml:3: item 1 of a merged list must be a mapping, not 3",
+        "a.yml:4: item 2 of a merged list must be a mapping, not 'b'",
     ]
-    with pytest.raises(ConfigError, match="a mapping or a list of mappings is wanted here, got 'abc'"):
+    with pytest.raises(ConfigError, match="expected a mapping or a list of mappings, got 'abc'"):
         merge("abc")
 
 
@@ -108,14 +108,14 @@ def test_a_key_with_a_plus_appends_to_the_list():
 
 @pytest.mark.parametrize("more", [{"rewards+": 4}, {"rewads+": [4]}])
 def test_appending_to_no_list_is_an_error(more):
-    with pytest.raises(ConfigError, match="is no list") as caught:
+    with pytest.raises(ConfigError, match="must be a list") as caught:
         merge([{"rewards": [1]}, more])
     assert ("did you mean `rewards`?" in str(caught.value)) == ("rewads+" in more)
 
 
 def test_a_list_within_the_list_is_merged_first():
     assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
-    with pytest.raises(ConfigError, match="no mapping but 7"):
+    with pytest.raises(ConfigError, match="must be a mapping, not 7"):
         merge([{"a": 1}, [{"b": 2}, 7]])
 
 
@@ -144,7 +144,7 @@ def test_a_mapping_merges_into_the_items_that_its_keys_name():
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("Z", "no item of the list is named 'Z'"), ("RateController", "2 items of the list are named")]
+    ("name", "words"), [("Z", "the list has no item named 'Z'"), ("RateController", "2 items of the list are named")]
 )
 def test_the_name_of_no_item_or_of_several_is_an_error(name, words):
     with pytest.raises(ConfigError, match=words):

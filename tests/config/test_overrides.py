@@ -134,10 +134,10 @@ def test_overrides_apply_in_order_and_take_includes(tree, write):
 
 def test_a_suffix_that_fits_several_places_lists_them(tree):
     assert problem(tree, "lr=2") == (
-        "command line: lr=2: `lr` fits 2 places; write one of `rllib.lr`, `records.0.3.config.lr`"
+        "command line: lr=2: `lr` matches 2 keys; write one of `rllib.lr`, `records.0.3.config.lr`"
     )
     assert problem(tree, "glues.ObserveSensor.config.scale=2") == (
-        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` fits 2 places; "
+        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` matches 2 keys; "
         "write one of "
         "`agent_config.blue0_ctrl.config.glues.0.config.scale`, `agent_config.blue0_ctrl.config.glues.1.config.scale`"
     )
@@ -150,19 +150,19 @@ def test_a_suffix_that_fits_several_places_lists_them(tree):
         ("rllib..lr=1", NONE),
         ("=1", NONE),
         ("~lr=1", NONE),
-        ("~recordz", "nothing is called `recordz` in the configuration; did you mean `records`?"),
-        ("train_batch_s=1", "nothing is called `train_batch_s` in the configuration; did you mean `train_batch_size`?"),
-        ("rlib.lr=1", "nothing is called `rlib` in the configuration; did you mean `rllib`?"),
-        ("rllib.modle.act=1", "nothing is called `modle` in `rllib`; known: `1`, `lr`, `train_batch_size`"),
-        ("rllib.lr.x=1", "nothing is called `x` in `rllib.lr`, which holds no keys"),
+        ("~recordz", "there is no `recordz` in the configuration; did you mean `records`?"),
+        ("train_batch_s=1", "there is no `train_batch_s` in the configuration; did you mean `train_batch_size`?"),
+        ("rlib.lr=1", "there is no `rlib` in the configuration; did you mean `rllib`?"),
+        ("rllib.modle.act=1", "there is no `modle` in `rllib`; known: `1`, `lr`, `train_batch_size`"),
+        ("rllib.lr.x=1", "there is no `x` in `rllib.lr`, which contains no keys"),
         ("axis.scale=1", "no path of the configuration ends in `axis.scale`; write it from the root"),
         (
             "agent_config.blue0_ctrl.config.rewards.Pointz.config.scale=1",
-            "nothing is called `Pointz` in `agent_config.blue0_ctrl.config.rewards`; did you mean `Points`?",
+            "there is no `Pointz` in `agent_config.blue0_ctrl.config.rewards`; did you mean `Points`?",
         ),
         (
             "agent_config.blue0_ctrl.config.parts.7=1",
-            "nothing is called `7` in `agent_config.blue0_ctrl.config.parts`; "
+            "there is no `7` in `agent_config.blue0_ctrl.config.parts`; "
             "known: `RateController`, `Sensor_Position`, `X Thrust`",
         ),
     ],
@@ -227,13 +227,13 @@ def test_keys_are_known_where_the_task_says_nothing_of_learning():
 def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
     with pytest.raises(ConfigError, match="did you mean `kl_target`"):
         load_experiment("configs/translational-inspection/experiment.yml", ["kl_targt=1"])
-    with pytest.raises(ConfigError, match=r"`output_units` fits \d+ places"):
+    with pytest.raises(ConfigError, match=r"`output_units` matches \d+ keys"):
         load_experiment("configs/translational-inspection/experiment.yml", ["output_units=km"])
 
 
 @pytest.mark.parametrize("path", ["blue0_ctrl.policy.config.vf_clip_param", "blue0_ctrl.policy.vf_clip_param"])
 def test_a_key_that_stands_elsewhere_is_to_be_written_alone(path):
-    with pytest.raises(ConfigError, match=r"nothing is called `vf_clip_param` in .*; write `vf_clip_param=...`"):
+    with pytest.raises(ConfigError, match=r"there is no `vf_clip_param` in .*; write `vf_clip_param=...`"):
         load_experiment("configs/translational-inspection/experiment.yml", [f"{path}=5"])
 
 
@@ -245,7 +245,7 @@ def test_a_key_that_its_mapping_may_not_have_lists_those_that_it_may():
 
 def test_candidates_are_named_by_the_item_that_they_belong_to():
     file = "configs/translational-inspection/experiment.yml"
-    with pytest.raises(ConfigError, match="`enabled` fits 3 places; write one of `RTAGlueCWHInspection1v1") as refused:
+    with pytest.raises(ConfigError, match="`enabled` matches 3 keys; write one of `RTAGlueCWHInspection1v1") as refused:
         load_experiment(file, ["enabled=True"])
     with pytest.raises(ConfigError, match=r"places; .*`RTAGlueCWHInspection1v1.config.disturbance`"):
         load_experiment(file, ["disturbance={velocity: 1e-4}"])  # no file has the key there
@@ -278,7 +278,7 @@ def test_a_word_of_another_library_in_its_mapping():
 
 @pytest.mark.parametrize("word", ["noise", "weight", "tolerance"])
 def test_what_is_not_near_is_not_suggested(word):
-    with pytest.raises(ConfigError, match=f"nothing is called `{word}` in the configuration; known: "):
+    with pytest.raises(ConfigError, match=f"there is no `{word}` in the configuration; known: "):
         load_experiment(SHIPPED, [f"{word}=1"])
 
 
@@ -290,8 +290,13 @@ def test_a_short_key_that_only_a_plugin_has_is_shown_with_its_place(recwarn):
     assert not recwarn.list
 
 
+<<<<<<< HEAD
 def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_message_says():
     with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
+=======
+def test_a_number_that_stands_in_several_places_is_replaced_in_all_as_the_message_says():
+    with pytest.raises(ConfigError, match="`mass` matches 3 keys; all are 12 now; to replace each, write ") as refused:
+>>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
         load_experiment(SHIPPED, ["mass=20"])
     every = str(refused.value).partition("to replace each, write ")[2].split()
     spec = load_experiment(SHIPPED, every).spec

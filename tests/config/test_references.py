@@ -91,15 +91,15 @@ def test_all_wrong_references_are_reported_together(write):
         }
     )
     assert problems(load("a.yml")) == [
-        "a.yml:7 config.dones[0].references.max_distance: `max_distance` is given in `config` too (a.yml:5); "
+        "a.yml:7 config.dones[0].references.max_distance: `max_distance` is also in `config` (a.yml:5); "
         "remove one of them",
         "a.yml:8 config.dones[0].references.other: the `reference_store` has no key `max_distanse`; "
         "did you mean `max_distance`?",
-        "a.yml:9 config.dones[0].references.third: a key of the `reference_store` is wanted here, got 3; "
-        "give a value of its own in `config.third`",
-        "a.yml:11 config.dones[1].references: a mapping of fields to keys of the `reference_store` is wanted here, "
+        "a.yml:9 config.dones[0].references.third: expected a key of the `reference_store`, got 3; "
+        "put the value itself into `config.third`",
+        "a.yml:11 config.dones[1].references: expected a mapping of fields to keys of the `reference_store`, "
         "got ['max_distance']",
-        "a.yml:13 config.dones[2].config: a mapping of fields is wanted here, got 3",
+        "a.yml:13 config.dones[2].config: expected a mapping of fields, got 3",
     ]
 
 

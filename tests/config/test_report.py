@@ -83,25 +83,25 @@ def trial(write, config: str) -> list[str]:
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ("scale: abc", "scale: wants a number, got 'abc'"),
-        ("scale: [1]", "scale: wants a number, got [1]"),
-        ("scale:", "scale: wants a number, got nothing (`null`)"),
-        ("{scale: 1, count: 1.5}", "count: wants a whole number, got 1.5"),
-        ("{scale: 1, count: 1, mode: scale, radius: -1}", "radius: wants a number above 0, got -1"),
-        ("{scale: 1, count: true}", "count: wants a whole number, got `true`"),
-        ("{scale: yes}", "scale: wants a number, got `true`"),
-        ("{scale: 1, count: 0}", "count: wants a number of 1 or more, got 0"),
+        ("scale: abc", "scale: expected a number, got 'abc'"),
+        ("scale: [1]", "scale: expected a number, got [1]"),
+        ("scale:", "scale: expected a number, got nothing (`null`)"),
+        ("{scale: 1, count: 1.5}", "count: expected a whole number, got 1.5"),
+        ("{scale: 1, count: 1, mode: scale, radius: -1}", "radius: expected a number above 0, got -1"),
+        ("{scale: 1, count: true}", "count: expected a whole number, got `true`"),
+        ("{scale: yes}", "scale: expected a number, got `true`"),
+        ("{scale: 1, count: 0}", "count: expected a number of 1 or more, got 0"),
         ("{scale: 1, radius: 3 kg}", "radius: 'kg' is no unit of length; give it in 'm'"),
-        ("{scale: 1, mode: scal}", "mode: wants 'scale' or 'constant', got 'scal'; did you mean `scale`?"),
+        ("{scale: 1, mode: scal}", "mode: expected 'scale' or 'constant', got 'scal'; did you mean `scale`?"),
         ("{scale: 1, scael: 2}", "scael: unknown key `scael`; did you mean `scale`?"),
         ("{scale: 1, scaling: {factr: 2}}", "scaling.factr: unknown key `factr`; did you mean `factor`?"),
-        ("{scale: 1, scaling: 3}", "scaling: wants a mapping, got 3"),
-        ("{scale: 1, scaling: {offsets: [1, x]}}", "scaling.offsets[1]: wants a number, got 'x'"),
-        ("{scale: 1, scaling: {offsets: [1, 2, 3]}}", "scaling.offsets: wants at most 2 items, got [1, 2, 3]"),
-        ("{scale: 1, offset: atuo}", "offset: wants a number or 'auto', got 'atuo'"),
-        ("{scale: 1, choice: {factor: x}}", "choice.factor: wants a number, got 'x'"),
-        ("{scale: 1, choice: [1, x]}", "choice[1]: wants a whole number, got 'x'"),
-        ("{scale: 1, choice: 3}", "choice: wants a mapping or a list, got 3"),
+        ("{scale: 1, scaling: 3}", "scaling: expected a mapping, got 3"),
+        ("{scale: 1, scaling: {offsets: [1, x]}}", "scaling.offsets[1]: expected a number, got 'x'"),
+        ("{scale: 1, scaling: {offsets: [1, 2, 3]}}", "scaling.offsets: expected at most 2 items, got [1, 2, 3]"),
+        ("{scale: 1, offset: atuo}", "offset: expected a number or 'auto', got 'atuo'"),
+        ("{scale: 1, choice: {factor: x}}", "choice.factor: expected a number, got 'x'"),
+        ("{scale: 1, choice: [1, x]}", "choice[1]: expected a whole number, got 'x'"),
+        ("{scale: 1, choice: 3}", "choice: expected a mapping or a list, got 3"),
     ],
 )  # fmt: skip
 def test_a_wrong_field_of_a_plugin(write, config, message):
@@ -141,7 +141,7 @@ def test_keys_of_plain_models(write):
     write({"a.yml": "titel: x\nscalings:\n  one: {factr: 1}\n  two:\n    factor: x\neither: {fctor: 1}\n"})
     assert report(load("a.yml")) == [
         "a.yml:3 scalings.one.factr: unknown key `factr`; did you mean `factor`?",
-        "a.yml:5 scalings.two.factor: wants a number, got 'x'",
+        "a.yml:5 scalings.two.factor: expected a number, got 'x'",
         "a.yml:6 either.fctor: unknown key `fctor`; did you mean `factor`?",
         "a.yml:1 titel: unknown key `titel`; did you mean `title`?",
     ]
@@ -163,7 +163,7 @@ def test_an_overridden_value_is_located_on_the_command_line(write):
     write({"a.yml": "trials:\n  - {functor: ScaledTrial, config: {scale: 1}}\n"})
     tree = apply_overrides(load("a.yml"), ["ScaledTrial.config.scale=abc"])
     assert report(tree) == [
-        "command line: ScaledTrial.config.scale=abc trials[0].config.scale: wants a number, got 'abc'"
+        "command line: ScaledTrial.config.scale=abc trials[0].config.scale: expected a number, got 'abc'"
     ]
 
 
@@ -178,5 +178,5 @@ def test_without_a_model_unknown_keys_are_still_named(write):
 def test_long_values_are_cut_short(write):
     write({"a.yml": "title: [" + "1, " * 100 + "]\neither: '" + "a" * 100 + "'\n"})
     first, second = report(load("a.yml"))
-    assert first == "a.yml:1 title: wants a text, got a list of 100"
-    assert second == f"a.yml:2 either: wants a mapping, got '{'a' * 56}..."
+    assert first == "a.yml:1 title: expected a string, got a list of 100"
+    assert second == f"a.yml:2 either: expected a mapping, got '{'a' * 56}..."

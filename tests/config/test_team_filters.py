@@ -26,7 +26,7 @@ def _problems(*overrides: str) -> list[tuple[str, str]]:
 def test_a_thrust_held_after_the_end_is_refused_where_the_team_is_filtered() -> None:
     ((key, message),) = _problems(f"{_TEAM}=True", _HELD)
     assert key == "config.config.env_config.ended_deputies"
-    assert "`rta` counts on ended deputies that coast; let them `coast`, or switch it off" in message
+    assert "`rta` assumes that ended deputies coast; use `coast`, or disable the filter" in message
     assert _problems(f"{_TEAM}=False", _HELD) == []
     assert _problems(f"{_TEAM}=True", "config.config.env_config.ended_deputies=coast") == []
 
@@ -34,7 +34,7 @@ def test_a_thrust_held_after_the_end_is_refused_where_the_team_is_filtered() -> 
 def test_a_filter_of_the_team_and_one_of_an_agent_are_refused() -> None:
     ((key, message),) = _problems(f"{_TEAM}=True", f"{_OWN}=True")  # the three agents share the file's line
     assert key == "agent_config[0].config.config.glues"
-    assert "its own safety filter and the one of the environment's `rta` are both enabled; switch one off" in message
+    assert "its safety filter and that of the environment's `rta` are both enabled; disable one of them" in message
 
 
 @pytest.mark.parametrize(("team", "own"), [(True, False), (False, True), (False, False)])
@@ -47,4 +47,4 @@ def test_two_shared_dones_of_one_name_are_refused_where_the_second_is() -> None:
     done = "{functor: SetAllDoneFunction, name: everything}"
     ((key, message),) = _problems(f"{shared}=[{done}, {done}]")
     assert key == f"{shared}[1]"
-    assert "two shared dones are named 'everything'; give one of them a `name` of its own" in message
+    assert "two shared dones are named 'everything'; give one of them a unique `name`" in message

@@ -66,7 +66,7 @@ def test_two_templates_have_their_own_platforms():
         ('[{name: "b#", count: 2.5, platforms: ["b#"]}]', "agent_config[0].count", "2.5"),
         ("[{name: b, count: 2, platforms: [b]}]", "agent_config[0].count", "`#`"),
         ('[{name: "b#", count: 2, platforms: [b]}]', "agent_config[0].count", "`#`"),
-        ("[{name: b, platforms: [b]}]", "platform_config[0].name", "no agent controls platforms 'blue#'"),
+        ("[{name: b, platforms: [b]}]", "platform_config[0].name", "no agent controls the platforms 'blue#'"),
     ],
 )
 def test_a_mistake_is_reported_with_its_place(agents, path, words):

@@ -120,7 +120,7 @@ def test_a_circle_of_includes(copied):
     with pytest.raises(ConfigError) as caught:
         load_experiment("configs/translational-inspection/experiment.yml")
     text = str(caught.value)
-    assert "in a circle" in text
+    assert "circular `!include`" in text
     assert "agent.yml -> " in text
     assert text.startswith(f"{FOLDER}/agent.yml:")
     assert "remove one `!include`" in text
@@ -178,13 +178,13 @@ def test_a_done_function_without_a_status(copied, tmp_path, monkeypatch):
     (tmp_path / "statusless.py").write_text("\n".join([*lines, "    def __call__(self, step): return step.dt < 0"]))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(registry._classes, "done", dict(registry.items("done")))
-    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; give its class one") as caught:
+    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; define one in its class") as caught:
         load_experiment(copied / "experiment.yml", ["dones.1={functor: statusless.StatuslessDone}"])
     assert "dones[1]" in str(caught.value)
 
 
 def test_overrides_that_are_one_text(copied):
-    with pytest.raises(ConfigError, match=r"overrides are a list of texts; write \['horizon=30'\]"):
+    with pytest.raises(ConfigError, match=r"overrides must be a list of strings; write \['horizon=30'\]"):
         load_experiment(copied / "experiment.yml", "horizon=30")
 
 
@@ -198,7 +198,7 @@ def test_a_number_that_yaml_reads_in_another_base_is_refused(copied, text, value
     environment = copied / "environment.yml"
     environment.write_text(f"horizon: {text}\n" + environment.read_text().replace("horizon:", "# horizon:"))
     for overrides in ([], [f"horizon={text}"], [f"lr={text}"]):
-        with pytest.raises(ConfigError, match=f"YAML reads `{text}` as {value}; write {value} if that is meant"):
+        with pytest.raises(ConfigError, match=f"YAML reads `{text}` as {value}; write {value} if that is intended"):
             load_experiment(copied / "experiment.yml", overrides)
 
 
@@ -217,7 +217,7 @@ def test_other_numbers_and_quoted_texts_are_read(text):
     ],
 )
 def test_a_truth_value_is_no_number(override, want):
-    with pytest.raises(ConfigError, match=f"wants {want}, got"):
+    with pytest.raises(ConfigError, match=f"expected {want}, got"):
         load_experiment("configs/translational-inspection/experiment.yml", [override])
 
 

@@ -25,16 +25,16 @@ ONE = configs_root() / "translational-inspection" / "experiment.yml"
 @pytest.mark.parametrize(
     ("path", "overrides", "shown"),
     [
-        (3, (), "a configuration is the path of a file or the id of a task, not 3"),
-        ("", (), "a configuration is the path of a file or the id of a task, not ''"),
-        ({"config": {}}, (), "a configuration is the path of a file or the id of a task, not {'config': {}}; "
-         "`build_spec` takes a resolved one"),
-        ("safe_inspect/Dokcing-v0", (), "no task has the id 'safe_inspect/Dokcing-v0'; "
+        (3, (), "a configuration must be a file path or a task id, not 3"),
+        ("", (), "a configuration must be a file path or a task id, not ''"),
+        ({"config": {}}, (), "a configuration must be a file path or a task id, not {'config': {}}; "
+         "use `build_spec` for a resolved configuration"),
+        ("safe_inspect/Dokcing-v0", (), "there is no task with the id 'safe_inspect/Dokcing-v0'; "
          "did you mean `safe_inspect/Docking-v0`?"),
         ("Docking-v1", (), "no file or task 'Docking-v1'; did you mean `safe_inspect/Docking-v0`?"),
-        (ONE, "lr=1", "overrides are a list of texts; write ['lr=1']"),
-        (ONE, (3,), "overrides: 3 is no text; write 'path.of.keys=value'"),
-        (ONE, (3, "x"), "overrides: 3 is no text; write 'path.of.keys=value'\ncommand line: x: not an override; "
+        (ONE, "lr=1", "overrides must be a list of strings; write ['lr=1']"),
+        (ONE, (3,), "overrides: 3 is not a string; write 'path.of.keys=value'"),
+        (ONE, (3, "x"), "overrides: 3 is not a string; write 'path.of.keys=value'\ncommand line: x: not an override; "
          "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"),
     ],
 )  # fmt: skip
@@ -59,7 +59,7 @@ def test_a_former_id_means_the_present_one_with_a_warning() -> None:
         experiment = load_experiment("safe_inspect/TranslationalInspection-v0")
     assert [str(one.message) for one in caught] == [
         "safe_inspect/TranslationalInspection-v0 is now called safe_inspect/TranslationalInspectionSeed-v0; use that "
-        "name (version 1 is another task, not a newer version)"
+        "name (version 1 is a different task, not a newer version)"
     ]
     assert Path(experiment.source) == configs_root() / ALL_TASKS["safe_inspect/TranslationalInspectionSeed-v0"]
 
@@ -167,19 +167,19 @@ def test_a_value_is_shown_shortly(value: Any, text: str) -> None:
         ("value_error", "Value error, it is wrong", {}, ("it is wrong", "")),
         ("assertion_error", "Assertion failed, it is wrong", {}, ("it is wrong", "")),
         ("odd_type", "Input is odd", {"input": 3}, ("input is odd, got 3", "")),
-        ("greater_than", "", {"input": -1, "ctx": {"gt": 0.0}}, ("wants a number above 0, got -1", "")),
-        ("less_than_equal", "", {"input": 9, "ctx": {"le": 0.1}}, ("wants a number of 0.1 or less, got 9", "")),
-        ("too_long", "", {"input": [1, 2], "ctx": {"max_length": 1}}, ("wants at most 1 items, got [1, 2]", "")),
+        ("greater_than", "", {"input": -1, "ctx": {"gt": 0.0}}, ("expected a number above 0, got -1", "")),
+        ("less_than_equal", "", {"input": 9, "ctx": {"le": 0.1}}, ("expected a number of 0.1 or less, got 9", "")),
+        ("too_long", "", {"input": [1, 2], "ctx": {"max_length": 1}}, ("expected at most 1 items, got [1, 2]", "")),
         ("string_pattern_mismatch", "", {"input": "?", "ctx": {"pattern": "^a$"}},
-         ("wants a text of the form of the regular expression `^a$`, got '?'", "")),
+         ("expected a string that matches the regular expression `^a$`, got '?'", "")),
         ("string_pattern_mismatch", "", {"input": "?", "ctx": {"pattern": "^(quick|normal|thorough)$"}},
-         ("wants quick, normal or thorough, got '?'", "")),
+         ("expected quick, normal or thorough, got '?'", "")),
         ("literal_error", "", {"input": "lose", "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 'lose'", "did you mean `loose`?")),
+         ("expected 'loose' or 'tight', got 'lose'", "did you mean `loose`?")),
         ("literal_error", "", {"input": "zzz", "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 'zzz'", "")),
+         ("expected 'loose' or 'tight', got 'zzz'", "")),
         ("literal_error", "", {"input": 3, "ctx": {"expected": "'loose' or 'tight'"}},
-         ("wants 'loose' or 'tight', got 3", "")),
+         ("expected 'loose' or 'tight', got 3", "")),
     ],
 )  # fmt: skip
 def test_a_mistake_is_reported_in_plain_words(
@@ -194,11 +194,11 @@ def test_the_mistakes_of_a_functor_that_no_file_names_are_one_text() -> None:
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", {"functor": "ObservedPointsReward", "config": {"scale": "x", "weighted_priority": 3}})
     assert functor_mistakes(caught.value) == (
-        "config.scale: wants a number, got 'x'; config.weighted_priority: wants `true` or `false`, got 3"
+        "config.scale: expected a number, got 'x'; config.weighted_priority: expected `true` or `false`, got 3"
     )
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", 3)
-    assert functor_mistakes(caught.value) == "a reward is a mapping with the key `functor`, not 3"
+    assert functor_mistakes(caught.value) == "a reward must be a mapping with the key `functor`, not 3"
 
 
 def test_the_keys_of_another_release_of_ray_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:

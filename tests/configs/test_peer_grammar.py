@@ -135,10 +135,10 @@ def test_items_keep_their_places(experiment):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a: !include-extend ./list.yml", "stands for items of a list"),
-        ("a: [!include-extend ./mapping.yml]", "takes a file that holds a list"),
+        ("a: !include-extend ./list.yml", "can only be an item of a list"),
+        ("a: [!include-extend ./mapping.yml]", "needs a file that contains a list"),
         ("a: [!include-extend ./nowhere.yml]", "does not exist"),
-        ("a: [!include-extend '']", "takes a file that holds a list"),
+        ("a: [!include-extend '']", "needs a file that contains a list"),
     ],
 )
 def test_a_wrong_extension_is_named(tmp_path, text, words):

@@ -117,7 +117,7 @@ MISTAKES = {
     ),
     "a platform that does not exist": (
         f"{entry('a', 'x')}\n{entry('b', 'yy')}", platforms("x", "y"), "agent_config[1].platforms[0]",
-        "no platform is named 'yy'",
+        "there is no platform 'yy'",
     ),
     "a platform that two agents control": (
         f"{entry('a', 'x')}\n{entry('b', 'x')}", platforms("x"), "agent_config[1].platforms[0]", "a and b both control",
@@ -127,10 +127,10 @@ MISTAKES = {
         "agent_config[1]", "'b' has no policy",
     ),
     "nobody learns": (
-        entry("a", "x", "policy: {functor: ZeroThrust}"), platforms("x"), "agent_config", "policy that learns",
+        entry("a", "x", "policy: {functor: ZeroThrust}"), platforms("x"), "agent_config", "policy that is trained",
     ),
     "only checkpoints": (
-        entry("a", "x", "policy: {checkpoint: there}"), platforms("x"), "agent_config", "none learns",
+        entry("a", "x", "policy: {checkpoint: there}"), platforms("x"), "agent_config", "none is trained",
     ),
     "an unknown scripted policy": (
         f"{entry('a', 'x')}\n{entry('b', 'y', 'policy: {functor: ZeroThrst}')}", platforms("x", "y"),
@@ -143,7 +143,7 @@ MISTAKES = {
     ),
     "an algorithm and a scripted policy": (
         f"{entry('a', 'x')}\n{entry('b', 'y', 'policy: {algorithm: PPO, functor: ZeroThrust}')}", platforms("x", "y"),
-        "agent_config[1].policy", "exclude each other",
+        "agent_config[1].policy", "mutually exclusive",
     ),
     "two algorithms": (
         f"{entry('a', 'x')}\n{entry('b', 'y', 'policy: {algorithm: APPO}')}", platforms("x", "y"),
@@ -193,5 +193,5 @@ def test_all_agents_act_at_one_rate(team):
     slow = (folder / "agent.yml").read_text().replace("frame_rate: 0.1", "frame_rate: 0.05")
     (folder / "slow.yml").write_text(slow)
     agents = f"{entry('a', 'x')}\n{entry('b', 'y').replace('./agent.yml', 'configs/translational-inspection/slow.yml')}"
-    with pytest.raises(ConfigError, match="all agents act at one rate"):
+    with pytest.raises(ConfigError, match="all agents must act at the same rate"):
         load_experiment(write(team, agents, platforms("x", "y")))

@@ -21,7 +21,9 @@ def test_an_id_means_the_task_of_its_name():
 @pytest.mark.parametrize("team", ["", "Multiagent"])
 def test_a_former_id_names_the_present_one(team):
     former, present = (f"safe_inspect/{team}TranslationalInspection{label}" for label in ("-v0", "Seed-v0"))
-    with pytest.warns(FutureWarning, match=f"{former} is now called {present}; use that name .version 1 is another"):
+    with pytest.warns(
+        FutureWarning, match=f"{former} is now called {present}; use that name .version 1 is a different"
+    ):
         assert load_experiment(former).resolved == load_experiment(present).resolved
 
 

@@ -113,7 +113,7 @@ def test_the_team_is_tested_with_the_deputies_before() -> None:
     assert not any(rows.any() for rows in test(states, 1, far).values())
 
 
-@pytest.mark.parametrize(("y", "shown"), [(60.0, ""), (5.0, "blue0: initial states are refused by chief_collision")])
+@pytest.mark.parametrize(("y", "shown"), [(60.0, ""), (5.0, "blue0: initial states are rejected by chief_collision")])
 def test_a_watch_warns_of_starts_that_the_filter_does_not_keep(y: float, shown: str) -> None:
     (watch,) = loaded(ONE, _OWN.format(0), _FIXED.format(0)).reset.watches
     states = _states((y, 0.0), (80.0, 0.0))
@@ -129,8 +129,8 @@ def test_a_watch_warns_of_starts_that_the_filter_does_not_keep(y: float, shown: 
     (text,) = [str(one.message) for one in caught]
     assert text.startswith(shown)
     assert text.endswith(
-        "; the safety filter promises nothing for such episodes; draw them with a RejectionSampler that has an `rta`, "
-        "or choose others"
+        "; the safety filter gives no guarantee for such episodes; sample them with a RejectionSampler that has "
+        "an `rta`, or choose others"
     )
 
 
@@ -139,6 +139,6 @@ def test_a_watch_of_a_team_sees_all_its_deputies() -> None:
     states = [_states((60.0, z)) for z in (0.0, 40.0, 8.0)]
     bodies = {f"blue{index}": state for index, state in enumerate(states)}
     with pytest.warns(
-        UnsafeInitialStateWarning, match="^blue0, blue1, blue2: initial states are refused by deputy_coll"
+        UnsafeInitialStateWarning, match="^blue0, blue1, blue2: initial states are rejected by deputy_coll"
     ):
         watch(bodies, {"sun_angle": states[0]["sun_angle"]})

@@ -243,9 +243,9 @@ def test_the_coast_is_one_of_a_few_choices_in_addition_to_levels():
     [
         (coast([]), "is empty; give one or more"),
         (coast([0, 1]), "at least 1 control step, not 0"),
-        (coast([1, 4, 2]), "do not ascend"),
-        (coast([2, 2]), "do not ascend"),
-        (coast([1.5]), "wants a whole number, got 1.5"),
+        (coast([1, 4, 2]), "must be in ascending order"),
+        (coast([2, 2]), "must be in ascending order"),
+        (coast([1.5]), "expected a whole number, got 1.5"),
         (
             "RTAGlueCWHInspection1v1.wrapped=[{functor: CoastGlue}, "
             "{functor: ControllerGlue, config: {controller: X Thrust}}]",

@@ -20,7 +20,7 @@ TEAM = "safe_inspect/MultiagentTranslationalInspection-v1"
     [
         ({"horizon": 5}, r"unexpected keyword argument 'horizon'; .* overrides=\['horizon=5'\]( was raised .*)?$"),
         ({"gamm": 0.9}, r"unexpected keyword argument 'gamm'; did you mean `gamma`\?( was raised .*)?$"),
-        ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` fits 3 places; write one of `RTAGlueCWH"),
+        ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` matches 3 keys; write one of `RTAGlueCWH"),
     ],
 )
 def test_a_keyword_that_is_not_taken_lists_what_it_may_mean(keywords, message):
@@ -106,7 +106,7 @@ def test_a_plugin_that_ends_otherwise_is_named(what, shown):
 @pytest.mark.parametrize("cfg", [None, 3, "", {"agent_config": {}}])
 def test_what_is_no_configuration_is_refused(cfg):
     for make in (safe_inspect.make, safe_inspect.make_vec, safe_inspect.make_parallel):
-        with pytest.raises(ConfigError, match="is the path of a file or the id of a task, not"):
+        with pytest.raises(ConfigError, match="must be a file path or a task id, not"):
             make(cfg)
 
 

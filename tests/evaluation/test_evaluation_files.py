@@ -240,7 +240,7 @@ def test_one_evaluation_is_not_compared():
 
 
 def test_episodes_are_paired_one_for_one():
-    with pytest.raises(ValueError, match=r"pairs have the same shape, not \(3,\) and \(4,\)"):
+    with pytest.raises(ValueError, match=r"paired values must have the same shape, not \(3,\) and \(4,\)"):
         paired_difference(np.zeros(3), np.zeros(4))
 
 

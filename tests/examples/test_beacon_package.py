@@ -91,7 +91,9 @@ def test_a_name_that_the_task_does_not_offer_is_one_message(load):
 def test_a_filter_for_another_vehicle_is_refused(load):
     wrapped = "[{functor: ControllerGlue, config: {controller: X Thrust}}]"
     glue = f"{{functor: RTAGlueCWHInspection1v1, config: {{enabled: True}}, wrapped: {wrapped}}}"
-    with pytest.raises(ConfigError, match=r"Clohessy-Wiltshire dynamics safe, and these move by DragPointMass; switch"):
+    with pytest.raises(
+        ConfigError, match=r"Clohessy-Wiltshire dynamics, but these deputies move by DragPointMass; disable"
+    ):
         load(f"agent_config.blue0_ctrl.config.config.glues.0={glue}")
 
 

@@ -89,7 +89,7 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
     needs = "is no class of callbacks; derive it from ray.rllib's RLlibCallback"
     assert shown == [
         f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
-        "rllib_configs.callbacks: no module 'no_such_module'; install it or mend the name",
+        "rllib_configs.callbacks: no module 'no_such_module'; install it or correct the name",
         f"rllib_configs.callbacks: '{__name__}.nothing' {needs}",
     ]
 

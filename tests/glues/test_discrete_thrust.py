@@ -130,9 +130,9 @@ def test_gymnasium_and_pettingzoo_have_discrete_spaces():
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        (f"{WRAPPED}.0={glue('X', '[0.1, 0, -0.1]')}", "do not rise"),
+        (f"{WRAPPED}.0={glue('X', '[0.1, 0, -0.1]')}", "must be in ascending order"),
         (f"{WRAPPED}.0={glue('X', '[0.1]')}", "at least 2"),
-        (f"{WRAPPED}.0={glue('X', '[-2, 0, 2]')}", "beyond what 'X Thrust' gives, -1 to 1 N"),
+        (f"{WRAPPED}.0={glue('X', '[-2, 0, 2]')}", "exceeds the range of 'X Thrust', -1 to 1 N"),
         (f"{WRAPPED}.0={glue('X', '[-0.1 m, 0, 1]')}", "N"),
         (f"{WRAPPED}.0={{functor: ControllerGlue, config: {{controller: X Thrust}}}}", "use one kind for all"),
     ],

@@ -53,7 +53,7 @@ def test_a_deviation_is_positive(sigma):
 
 
 def test_a_mapping_onto_nothing_is_refused():
-    with pytest.raises(ValidationError, match="not below"):
+    with pytest.raises(ValidationError, match="must be below"):
         LinearNormalizer(minimum=1.0, maximum=1.0)
 
 

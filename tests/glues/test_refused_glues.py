@@ -16,14 +16,14 @@ from safe_inspect.glues import CoastGlue, DiscreteControllerGlue, DotProductGlue
     ("glue", "fields", "message"),
     [
         (CoastGlue, {"durations": ()}, "`durations` is empty; give one or more numbers"),
-        (CoastGlue, {"durations": (0, 1)}, "a decision lasts at least 1 control step, not 0"),
-        (CoastGlue, {"durations": (1, 4, 4)}, r"`durations` \[1, 4, 4\] do not ascend; give each once"),
-        (CoastGlue, {"durations": (4, 1)}, r"`durations` \[4, 1\] do not ascend"),
-        (DiscreteControllerGlue, {"levels": (1.0, 0.0)}, r"`levels` \[1.0, 0.0\] do not rise; give each level once"),
-        (DiscreteControllerGlue, {"levels": (0.0, 0.0)}, r"`levels` \[0.0, 0.0\] do not rise"),
+        (CoastGlue, {"durations": (0, 1)}, "a duration must be at least 1 control step, not 0"),
+        (CoastGlue, {"durations": (1, 4, 4)}, r"`durations` \[1, 4, 4\] must be in ascending order"),
+        (CoastGlue, {"durations": (4, 1)}, r"`durations` \[4, 1\] must be in ascending order"),
+        (DiscreteControllerGlue, {"levels": (1.0, 0.0)}, r"`levels` \[1.0, 0.0\] must be in ascending order"),
+        (DiscreteControllerGlue, {"levels": (0.0, 0.0)}, r"`levels` \[0.0, 0.0\] must be in ascending order"),
         (DiscreteControllerGlue, {"levels": (0.0,)}, "at least 2 items"),
         (DotProductGlue, {"wrapped": [{"functor": "ObserveSensor", "config": {"sensor": "Sensor_Position"}}]},
-         "it wraps two glues, not 1"),
+         "`wrapped` must be two glues, not 1"),
     ],
 )  # fmt: skip
 def test_fields_that_do_not_fit(glue, fields, message):
@@ -44,9 +44,9 @@ def sensed(name: str) -> str:
     ("glue", "message"),
     [
         (f"{{functor: MagNorm3DGlue, config: {{wrapped: {sensed('Sensor_Speed')}}}}}",
-         "it wraps a vector of 3 elements, not one of 1"),
+         "`wrapped` must be a vector of 3 elements, not of 1"),
         (f"{{functor: AngleToUnitVector, config: {{wrapped: {sensed('Sensor_Position')}}}}}",
-         "it wraps one angle, not 3 numbers"),
+         "`wrapped` must be one angle, not 3 numbers"),
         (f"{{functor: DotProductGlue, config: {{wrapped: [{sensed('Sensor_Position')}, {sensed('Sensor_Speed')}]}}}}",
          "the two vectors have 3 and 1 elements"),
     ],

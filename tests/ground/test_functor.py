@@ -60,14 +60,14 @@ def test_the_key_of_the_name_is_that_of_the_grammar(kind: str, key: str) -> None
         ({"functor": "ObservedPointReward"}, ("functor",), "did you mean `ObservedPointsReward`"),
         ({"functr": "ObservedPointsReward"}, ("functr",), "did you mean `functor`"),
         ({"config": {}}, (), "needs the key `functor`"),
-        ({"functor": 3}, ("functor",), "is a text, not 3"),
-        ({"functor": "ObservedPointsReward", "config": [1]}, ("config",), "is a mapping of the reward's fields"),
+        ({"functor": 3}, ("functor",), "must be a string, not 3"),
+        ({"functor": "ObservedPointsReward", "config": [1]}, ("config",), "must be a mapping of the reward's fields"),
         ({"functor": "ObservedPointsReward", "config": {"scael": 1}}, ("config", "scael"), "did you mean `scale`"),
         ({"functor": "ObservedPointsReward", "config": {"scale": "x"}}, ("config", "scale"), "valid number"),
-        ({"functor": "ObservedPointsReward", "wrapped": []}, ("wrapped",), "wraps nothing"),
-        ([1, 2], (), "a reward is a mapping with the key `functor`"),
-        (None, (), "a reward is a mapping"),
-        (UniformParameter(), (), "a parameter (UniformParameter) stands where a reward is wanted"),
+        ({"functor": "ObservedPointsReward", "wrapped": []}, ("wrapped",), "takes no `wrapped`"),
+        ([1, 2], (), "a reward must be a mapping with the key `functor`"),
+        (None, (), "a reward must be a mapping"),
+        (UniformParameter(), (), "expected a reward, got the parameter UniformParameter"),
     ],
 )
 def test_every_mistake_has_its_path(value: Any, path: tuple[Any, ...], text: str) -> None:
@@ -163,5 +163,5 @@ class _Ends(Reward):
 @pytest.mark.parametrize(("how", "what"), [("exit", "SystemExit: 3"), ("key", "KeyError: 'x'")])
 def test_a_plugin_that_fails_or_ends_the_program_when_it_is_made_is_named(how: str, what: str) -> None:
     found = mistakes("reward", {"functor": f"{__name__}._Ends", "config": {"how": how}})
-    assert f"cannot be made: {__file__}:" in found[()]
+    assert f"cannot be built: {__file__}:" in found[()]
     assert found[()].endswith(what)

@@ -46,7 +46,7 @@ def test_a_taken_name_is_refused_and_both_owners_are_reported() -> None:
         def __call__(self, step):
             return step.dt
 
-    with pytest.raises(RegistryError, match=r"'PlainReward' of .*Other.* is taken by .*PlainReward"):
+    with pytest.raises(RegistryError, match=r"'PlainReward' of .*Other.* is already registered for .*PlainReward"):
 
         class OtherReward(Reward, name="PlainReward"):
             def __call__(self, step):
@@ -89,14 +89,14 @@ def test_one_name_may_mean_two_kinds() -> None:
     [
         ("reward", "ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "observedpointsreward", "did you mean `ObservedPointsReward`?"),
-        ("reward", "CrashDoneFunction", "'CrashDoneFunction' is a done; a reward is wanted here"),
-        ("done", "safe_inspect.rewards.ObservedPointsReward", "is a reward; a done is wanted here"),
+        ("reward", "CrashDoneFunction", "'CrashDoneFunction' is a done; expected a reward here"),
+        ("done", "safe_inspect.rewards.ObservedPointsReward", "is a reward; expected a done here"),
         ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
         ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
-        ("reward", "math.sqrt", "'math.sqrt' is not a plugin; a reward is a subclass of safe_inspect.rewards.Reward"),
-        ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of the peer's"),
-        ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; a reward is wanted here|unknown"),
+        ("reward", "math.sqrt", "'math.sqrt' is not a plugin; a reward must be a subclass of safe_inspect.rewards.R"),
+        ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of safe-autonomy-sims"),
+        ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; expected a reward here|unknown"),
         ("no kind", "anything", "unknown no kind 'anything'"),
     ],
 )

@@ -263,11 +263,11 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
     ("text", "shown"),
     [
         ("DeltaVV", "did you mean `DeltaV`"),
-        ("ObservedPointsReward", "is a reward; a metric is wanted here"),
+        ("ObservedPointsReward", "is a reward; expected a metric here"),
         ("nowhere.Metric", "no module 'nowhere'"),
         (
             "{functor: TimeToCoverage, config: {fraction: 2}}",
-            "config.fraction: wants a number of 1 or less, got 2",
+            "config.fraction: expected a number of 1 or less, got 2",
         ),
         ("{functor: TimeToCoverage", "not valid YAML"),
         ("{functor: TimeToCoverage, config: {fractoin: 1}}", "did you mean `fraction`"),

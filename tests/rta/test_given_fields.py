@@ -149,7 +149,7 @@ def test_done_functions_are_compared_with_what_is_given():
         f"{AGENT}.reference_store.constraints=[r_max, {{functor: chief_collision, config: {{collision_radius: 20}}}}]"
     )
     load_experiment(config, [ON, CRASH, wide]).spec  # noqa: B018
-    with pytest.raises(ConfigError, match="lost beyond 800 m, and the filter lets it fly to 900 m"):
+    with pytest.raises(ConfigError, match="loses beyond 800 m, but the filter allows up to 900 m"):
         load_experiment(config, [ON, FAR]).spec  # noqa: B018
     near = f"{AGENT}.reference_store.constraints=[{{functor: chief_collision, config: {{collision_radius: 5}}}}]"
     with pytest.raises(ConfigError, match="`collision_radius` is 5 m, inside the sphere of 'chief'"):

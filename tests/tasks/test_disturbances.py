@@ -119,7 +119,7 @@ def test_without_a_disturbance_nothing_is_added():
 
 
 def test_a_wrong_bound_is_refused_where_it_stands():
-    with pytest.raises(ConfigError, match=r"disturbance\.config\.velocity: wants a number of 0 or more"):
+    with pytest.raises(ConfigError, match=r"disturbance\.config\.velocity: expected a number of 0 or more"):
         environment(1, velocity=-1e-3)
     with pytest.raises(ConfigError, match="thrust_gain"):
         environment(1, thrust_gain=1.5)

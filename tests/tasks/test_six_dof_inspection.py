@@ -283,20 +283,20 @@ def test_a_recorded_episode_keeps_attitudes_moments_and_the_camera(tmp_path):
 @pytest.mark.parametrize(
     ("file", "overrides", "words"),
     [
-        (FILE, ["platform_config.blue0.config.platform=cwh"], "commands a moment, and the platforms do not turn"),
-        (FILE, ["platform_config.blue0.config.platform=cwh"], "`sensor_fov` needs platforms that turn"),
-        (FILE, ["done_status=win"], "ends episodes with `lose`, never with `win`"),
+        (FILE, ["platform_config.blue0.config.platform=cwh"], "commands a moment, but the platforms have no attitude"),
+        (FILE, ["platform_config.blue0.config.platform=cwh"], "`sensor_fov` needs platforms with attitude"),
+        (FILE, ["done_status=win"], "ends episodes with `lose`, not with `win`"),
         (FILE, ["FacingChiefReward.config={observation: {fields: [Obs_Sensor_Position]}}"], "remove the key"),
         ("docking", ["platform_config.blue0.config.platform=six-dof"], "CWHSimulator moves points"),
         (
             "multiagent-translational-inspection",
             ["platform_config.blue#.config.platform=six-dof", "rta.config.enabled=True"],
-            "these deputies turn; switch it off",
+            "these deputies have an attitude; disable the filter",
         ),
         (
             "translational-inspection",
             ["platform_config.blue0.config.platform=six-dof", "glues.0.config.enabled=True"],
-            "these deputies turn; switch it off",
+            "these deputies have an attitude; disable the filter",
         ),
     ],
 )

@@ -161,5 +161,5 @@ def test_the_controller_docks_and_its_episodes_are_measured():
 def test_a_safety_filter_for_orbits_is_refused():
     wrapped = "[{functor: DiscreteControllerGlue, config: {controller: X Thrust, levels: [-0.3, 0, 0.3]}}]"
     glue = f"{{functor: RTAGlueCWHInspection1v1, config: {{enabled: True}}, wrapped: {wrapped}}}"
-    with pytest.raises(ConfigError, match="these move by DoubleIntegrator; switch"):
+    with pytest.raises(ConfigError, match="these deputies move by DoubleIntegrator; disable"):
         load_spec(TASK, [f"agent_config.chaser_ctrl.config.config.glues.0={glue}"])

@@ -127,7 +127,7 @@ def test_without_a_tumble_the_target_rests():
 
 
 def test_mistakes_are_one_message():
-    with pytest.raises(ConfigError, match="the states of a body are wanted here"):
+    with pytest.raises(ConfigError, match="expected the states of a body here"):
         load_spec(TASK, ["simulator_reset_parameters.target_tumble={type: ConstantParameter, config: {value: 1}}"])
     with pytest.raises(ValidationError, match="must be a symmetric matrix"):
         TumblingTarget(inertia=((1, 2, 0), (0, 1, 0), (0, 0, 1)))

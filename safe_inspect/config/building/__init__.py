@@ -1,1 +1,1 @@
-"""From models to the specification of an environment."""
+"""Construction of an environment's specification from the validated models."""

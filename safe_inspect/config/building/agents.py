@@ -1,4 +1,4 @@
-"""From the models of an agent to its `AgentSpec`."""
+"""Construction of an `AgentSpec` from the models of an agent."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _Dones = Sequence[Named[DoneFunction]]
 
 @dataclass(frozen=True)
 class AgentSetting:
-    """What the agents of an experiment have in common.
+    """Properties that all agents of an experiment have in common.
 
     Attributes:
         platforms: Platforms by name.
-        names: What fields of plugins may name, by kind, without what is an agent's own.
+        names: Names that fields of plugins may refer to, by kind, without those that belong to one agent.
         simulator: The simulator.
         horizon: Largest number of steps of an episode.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
     """
 
     platforms: Mapping[str, Platform]
@@ -47,13 +47,13 @@ class AgentSetting:
 
 
 def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting: AgentSetting) -> AgentSpec | None:
-    """Return an agent with the values of its world, None where it has no platform.
+    """Return an agent with the values of its world, or None if it has no platform.
 
     Args:
         entry: The validated model.
         where: Path of the entry.
         world: The world of the agent.
-        setting: What all agents have in common.
+        setting: The properties that all agents have in common.
     """
     report, body, base = setting.report, entry.config.config, (*where, "config", "config")
     _check_platforms(entry, where, setting)
@@ -65,7 +65,7 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
     parts = _parts(body, dones, base, setting)
     _check_carries(entry.platforms[0], parts, base, setting)
     known = {**setting.names, **agent_names(parts, dones)}
-    if len(parts) < len(body.parts):  # the part that is meant may be one of those whose name is taken
+    if len(parts) < len(body.parts):  # the missing part may be one with a duplicate name
         known = {kind: names for kind, names in known.items() if kind not in ("sensor", "controller")}
     sound = _check_references(entry, base, known, report) and len(parts) == len(body.parts)
     glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
@@ -73,7 +73,7 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
     _check_names("dones", dones, base, report)
     for index, named in enumerate(dones):
         if not isinstance(getattr(named.functor, "status", None), DoneStatus):
-            text = f"{named.name} has no `status`; give its class one, such as DoneStatus.LOSE"
+            text = f"{named.name} has no `status`; define one in its class, such as DoneStatus.LOSE"
             report((*base, "dones", index), text)
     if sound:
         check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
@@ -92,37 +92,37 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
 def _check_platforms(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> None:
     for index, platform in enumerate(entry.platforms):
         if platform not in setting.platforms:
-            text = f"no platform is named {platform!r}; {did_you_mean(platform, setting.platforms)}"
+            text = f"there is no platform {platform!r}; {did_you_mean(platform, setting.platforms)}"
             setting.report((*where, "platforms", index), text)
     if not entry.platforms:
-        setting.report((*where, "platforms"), "an agent needs a platform; name one")
+        setting.report((*where, "platforms"), "an agent needs a platform; give the name of one")
     if len(entry.platforms) > 1:
-        setting.report((*where, "platforms", 1), "an agent controls one platform; remove the others")
+        setting.report((*where, "platforms", 1), "an agent controls only one platform; remove the others")
 
 
 def _check_controls(body: AgentBody, base: KeyTuple, setting: AgentSetting) -> None:
-    """Check that an agent's controllers give what the vehicle takes."""
+    """Report controllers that do not match the vehicle's inputs."""
     size = setting.simulator.compose()[0].control_size
     for index, part in enumerate(body.parts):
         if isinstance(part, Controller) and part.control_size > size:
-            message = f"{part.part_name!r} commands a moment, and the platforms do not turn"
-            setting.report((*base, "parts", index), f"{message}; give them `platform: six-dof`, or remove it")
+            message = f"{part.part_name!r} commands a moment, but the platforms have no attitude"
+            setting.report((*base, "parts", index), f"{message}; use `platform: six-dof`, or remove the controller")
 
 
 def _with_time_limit(dones: _Dones, horizon: int) -> _Dones:
-    """Return the done functions with the time limit, where none of them is one."""
+    """Return the done functions, with a time limit added if there is none among them."""
     if any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
         return dones
     return (*dones, Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
 
 
 def _parts(body: AgentBody, dones: _Dones, base: KeyTuple, setting: AgentSetting) -> dict[str, Part]:
-    """Return the parts by name, sensors with what they take from the task."""
+    """Return the parts by name, with the values that sensors need from the task."""
     horizon = min(done.functor.horizon for done in dones if isinstance(done.functor, EpisodeLengthDone))
     parts: dict[str, Part] = {}
     for index, part in enumerate(body.parts):
         if part.part_name in parts:
-            text = f"two parts are named {part.part_name!r}; give one of them a `name` of its own"
+            text = f"two parts are named {part.part_name!r}; give one of them a unique `name`"
             setting.report((*base, "parts", index), text)
         try:
             parts[part.part_name] = part.in_task(setting.simulator, horizon) if isinstance(part, Sensor) else part
@@ -133,7 +133,7 @@ def _parts(body: AgentBody, dones: _Dones, base: KeyTuple, setting: AgentSetting
 
 
 def _check_carries(platform: str, parts: Mapping[str, Part], base: KeyTuple, setting: AgentSetting) -> None:
-    """Check that a platform takes the parts."""
+    """Report parts that the platform does not support."""
     if platform in setting.platforms:
         try:
             setting.platforms[platform](tuple(parts.values()))
@@ -144,7 +144,7 @@ def _check_carries(platform: str, parts: Mapping[str, Part], base: KeyTuple, set
 def _check_references(
     entry: AgentEntry, base: KeyTuple, known: Mapping[str, set[str]], report: ReportProblem
 ) -> bool:  # fmt: skip
-    """Check that what plugins name exists, where its kind is known; return whether all of it does."""
+    """Check that the names in plugins exist, if names of their kind are known; return whether all of them do."""
     sound = True
     for path, plugin in plugins_of(entry, base):
         for field, kind in plugin.references().items():
@@ -159,14 +159,14 @@ def _check_names(key: str, functors: Iterable[Named[Any]], base: KeyTuple, repor
     seen: set[str] = set()
     for index, named in enumerate(functors):
         if named.name in seen:
-            report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a `name` of its own")
+            report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a unique `name`")
         seen.add(named.name)
 
 
 def _rewards(
     rewards: Iterable[Named[Reward]], dones: _Dones, where: KeyTuple, report: ReportProblem
 ) -> tuple[Named[Reward], ...]:
-    """Return the rewards, those of an end with the done function that they name."""
+    """Return the rewards; a reward for an end gets the done function that it names."""
     known = {named.name: named.functor for named in dones}
     found = []
     for index, named in enumerate(rewards):
@@ -175,7 +175,7 @@ def _rewards(
             try:
                 functor = functor.with_dones(known)
                 if type(functor.done).remember is not DoneFunction.remember:
-                    raise ValueError(f"{functor.done_name} remembers earlier steps, which a reward cannot ask for")
+                    raise ValueError(f"{functor.done_name} stores earlier steps, which a reward cannot read")
             except ValueError as error:
                 report((*where, "rewards", index), str(error))
         found.append(Named(named.name, functor))
@@ -183,7 +183,7 @@ def _rewards(
 
 
 def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> ScriptedPolicy | None:
-    """Return the scripted policy that flies an agent; None when its actions come from outside."""
+    """Return the scripted policy that controls an agent, or None if its actions come from the caller."""
     if entry.policy is None or entry.policy.functor is None:
         return None
     try:
@@ -192,7 +192,7 @@ def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) 
         for problem in (error.context or {})["errors"]:
             setting.report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
         return None
-    assert isinstance(scripted, ScriptedPolicy), "the registry gives a plugin of the kind that is asked for"
+    assert isinstance(scripted, ScriptedPolicy), "the registry returns a plugin of the requested kind"
     for field, kind in scripted.references().items():
         value, names = getattr(scripted, field), setting.names.get(kind)
         if value is not None and names is not None and value not in names:

@@ -1,4 +1,4 @@
-"""From validated models to an `EnvironmentSpec`, with the checks that need more than one part of the experiment."""
+"""Construction of an `EnvironmentSpec` from validated models, with the checks that involve several parts of them."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
 def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, seed: int) -> EnvironmentSpec | None:
-    """Assemble the environment of an experiment.
+    """Return the specification of an experiment's environment.
 
     Args:
         config: The validated models.
         horizon: Largest number of steps of an episode.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
         seed: Seed of the run.
 
     Returns:
-        The environment; None when a mistake leaves none.
+        The specification, or None if there were mistakes.
     """
     mistakes = 0
 
@@ -57,14 +57,14 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     agents = [agent for agent in built if agent is not None]
     check_agents(config, agents, note)
     check_world(config, reset, worlds, note)
-    if not mistakes:  # it draws on what the others have checked
+    if not mistakes:  # this check needs the results of the others
         check_guarantees(config, worlds, reset, note)
     common = common_world(worlds)
     reset = reset_in_world(reset, common, note)
     if environment.rta is not None:
         where: KeyTuple = (*_ENVIRONMENT, "rta")
         environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, note)})
-    if not mistakes:  # it works out plans
+    if not mistakes:  # this check computes plans, which is expensive
         check_thrusters(agents, environment.rta, note)
     if mistakes:
         return None
@@ -83,18 +83,18 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
 
 
 def _with_attitude(config: ExperimentConfig, report: ReportProblem) -> ExperimentConfig:
-    """Return the experiment with a simulator whose deputies turn, where its platforms do."""
+    """Return the experiment with a simulator with attitude dynamics, if its platforms have an attitude."""
     turning = [index for index, entry in enumerate(config.platform_config) if entry.config.functor.turns]
     simulator: Simulator = config.config.config.env_config.simulator
     if not turning:
         field = simulator.attitude_field
         if field and not simulator.turns:
             where = (*_ENVIRONMENT, "simulator", "config", field)
-            report(where, f"`{field}` needs platforms that turn; give them `platform: six-dof`, or remove it")
+            report(where, f"`{field}` needs platforms with attitude; use `platform: six-dof`, or remove it")
         return config
     for index, entry in enumerate(config.platform_config):
         if index not in turning:
-            message = f"{entry.name} is a point and others turn; give all of them `platform: six-dof`, or none"
+            message = f"{entry.name} has no attitude but others do; use `platform: six-dof` for all of them or for none"
             report(("platform_config", index, "config", "platform"), message)
     try:
         made = simulator.with_attitude()
@@ -116,7 +116,7 @@ def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Pla
         try:
             platforms[entry.name] = entry.config.functor.model_validate(entry.config.config)
         except ValidationError as error:
-            platforms[entry.name] = entry.config.functor.model_construct()  # the name is known all the same
+            platforms[entry.name] = entry.config.functor.model_construct()  # so that the name is known
             for problem in error.errors(include_url=False):
                 text = "; ".join(filter(None, message(problem)))
                 if problem["type"] == "extra_forbidden":
@@ -127,7 +127,7 @@ def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Pla
 
 
 def _check_bodies(simulator: Simulator, names: dict[str, set[str]], report: ReportProblem) -> None:
-    """Check that the bodies that components need exist; the place is the simulator's mapping with that key, if any."""
+    """Check that the bodies of components exist; mistakes are reported at the simulator's key for the component."""
     for component in simulator.compose()[1]:
         for name in component.bodies:
             if name not in names["entity"]:
@@ -136,8 +136,8 @@ def _check_bodies(simulator: Simulator, names: dict[str, set[str]], report: Repo
                     if isinstance(value := getattr(simulator, field), Mapping) and name in value:
                         where = (*where, "config", field, name)
                         break
-                report(where, f"no body is named {name!r}; {did_you_mean(name, names['entity'])}")
-                names["points"] |= names["entity"]  # who names the right body makes no mistake
+                report(where, f"there is no body {name!r}; {did_you_mean(name, names['entity'])}")
+                names["points"] |= names["entity"]  # so that correct names are not reported
 
 
 def _check_controlled(config: ExperimentConfig, platforms: Mapping[str, Platform], report: ReportProblem) -> None:

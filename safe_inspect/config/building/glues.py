@@ -1,4 +1,4 @@
-"""What the glues of an agent must agree on."""
+"""Checks that involve several glues of an agent."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from safe_inspect.platforms.base import Part
 def check_glues(
     glues: tuple[Glue, ...], parts: Mapping[str, Part], where: KeyTuple, report: ReportProblem, *, observes: bool
 ) -> None:
-    """Check that glues fit the parts, command each controller once, and observe and command something.
+    """Check that glues match the parts, command each controller once, and include observations and commands.
 
     Args:
         glues: The glues of an agent.
         parts: Its parts, by name.
         where: Path of the glues.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
         observes: Whether the agent's policy needs an observation.
     """
     commanded: set[str] = set()
@@ -44,9 +44,9 @@ def check_glues(
             }
     leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
     if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
-        report(where, "CoastGlue is before the glue of a controller; move it after the last of them")
+        report(where, "CoastGlue is before the glue of a controller; move it to the end of the list")
     if len(discrete) > 1:
-        report(where, "some action glues choose among levels and others give real numbers; use one kind for all")
+        report(where, "discrete and continuous action glues are mixed; use one kind for all of them")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
         if not any(isinstance(glue, base) and glue.exported for glue in glues) and (observes or base is ActionGlue):
-            report(where, f"no glue {what}; add one")
+            report(where, f"there is no glue that {what}; add one")

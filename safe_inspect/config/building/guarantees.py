@@ -1,4 +1,4 @@
-"""What would void the guarantee of a safety filter that is enabled, found before the first step."""
+"""Checks for anything that would void the guarantee of an enabled safety filter, made before the first step."""
 
 from __future__ import annotations
 
@@ -38,29 +38,29 @@ _AXES = "xyz"
 def check_guarantees(
     config: ExperimentConfig, worlds: Sequence[WorldValues], reset: ResetPlan, report: ReportProblem
 ) -> None:
-    """Check that each enabled safety filter keeps what the simulation, the controllers and the done functions ask.
+    """Check that simulation, controllers and done functions match the guarantee of each enabled safety filter.
 
     The method ``continuous`` gives no guarantee and is not checked.
 
     Args:
         config: The validated models.
         worlds: The world of each agent.
-        reset: What initial states are drawn from.
-        report: Takes the path and the message of every mistake that is found.
+        reset: The distribution of initial states.
+        report: Function that is called with the path and the message of every mistake.
     """
     environment = config.config.config.env_config
     for index, entry in enumerate(config.agent_config):
         base = ("agent_config", index, "config", "config")
         own = [(path, plugin) for path, plugin in plugins_of(entry, base) if _filters(plugin)]
         for path, _ in own[1:]:
-            text = "another safety filter of this agent is enabled, and only one would act"
-            report((*path, "config", "enabled"), f"{text}; name the constraints of both in one of them")
+            text = "another safety filter of this agent is enabled, but only one of them would act"
+            report((*path, "config", "enabled"), f"{text}; put the constraints of both into one of them")
         for path, plugin in own[:1]:
             if path[:-1] != (*base, "glues"):
-                text = "this safety filter is wrapped by a glue that does not filter, where it never acts; list it in "
+                text = "this safety filter has no effect, because a glue that does not filter wraps it; list it in "
                 report((*path, "config", "enabled"), f"{text}`glues` itself, or enable the outer filter in its place")
             _check_filter(plugin, (*path, "config"), config, worlds[index : index + 1], reset, report)
-            if isinstance(plugin, TaskParameters):  # those of other packages may use fewer axes
+            if isinstance(plugin, TaskParameters):  # filters of other packages may use fewer axes
                 _check_thrusters(entry, (*path, "config", "enabled"), report)
             _check_ends(plugin, entry, base, config, reset, report)
     team = environment.rta
@@ -73,12 +73,12 @@ def check_guarantees(
 
 
 def check_thrusters(agents: Sequence[AgentSpec], team: TeamSafety | None, report: ReportProblem) -> None:
-    """Check that weak thrusters keep some states safe, and warn of the share that they do.
+    """Check that weak thrusters can keep at least some states safe, and warn about the fraction.
 
     Args:
-        agents: The agents, their filters in the world.
+        agents: The agents, with their filters in the world.
         team: The filter of all deputies, in the world.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
     """
     filters: list[tuple[KeyTuple, str, Any]] = [
         (("agent_config", index, "config", "config", "glues"), agent.name, glue)
@@ -99,10 +99,10 @@ def check_thrusters(agents: Sequence[AgentSpec], team: TeamSafety | None, report
         count, share = found
         text = f"{name}: thrusters of {plugin.u_max:g} N cannot brake {plugin.m:g} kg against the tide everywhere"
         if share == 0.0:
-            remedy = "raise the thrust, lower `r_max`, or switch the filter off"
-            report(where, f"{text}, and the filter can keep none of {count} sampled safe states; {remedy}")
+            remedy = "raise the thrust, lower `r_max`, or disable the filter"
+            report(where, f"{text}, and the filter cannot keep any of {count} sampled safe states safe; {remedy}")
         else:
-            text += f"; of {count} safe states, sampled over all ranges and speeds, the filter can keep "
+            text += f"; of {count} safe states, sampled over all ranges and speeds, the filter can keep safe "
             warnings.warn(f"{text}{100.0 * share:.2g} %", SafetyFilterWarning, stacklevel=2)
 
 
@@ -111,7 +111,7 @@ def _filters(plugin: Plugin) -> bool:
 
 
 def _kept(plugin: Plugin) -> Mapping[str, Any]:
-    """Return the constraints that a filter guarantees, by name."""
+    """Return the constraints that a filter guarantees, by name; empty for other plugins."""
     kept: Mapping[str, Any] = getattr(plugin, "kept", {})
     return kept
 
@@ -131,7 +131,7 @@ def _check_filter(
     for sun in components:
         if "sun" in kept and isinstance(sun, Sun) and orbit and not math.isclose(sun.rate, orbit, rel_tol=1e-9):
             once, rate = distinct(orbit, sun.rate)
-            text = f"the constraint `sun` needs a sun that turns once an orbit, at {once} rad/s, and this one turns at "
+            text = f"the constraint `sun` needs a sun with one rotation per orbit, {once} rad/s, but this one has "
             report((*where, "constraints"), f"{text}{rate} rad/s; make them agree, or leave `sun` out")
     if "sun" in kept:
         if not any(isinstance(component, Sun) for component in components):
@@ -140,13 +140,13 @@ def _check_filter(
         _check_sun_angle(reset, report)
     if kept:
         for name in _moving_bodies(environment.simulator, reset):
-            text = f"the filter keeps deputies safe about the origin, and {name!r} does not rest there"
-            report((*where, "enabled"), f"{text}; let it begin at rest at the origin, or switch the filter off")
+            text = f"the filter assumes a chief at rest at the origin, and {name!r} is not"
+            report((*where, "enabled"), f"{text}; let it start at rest at the origin, or disable the filter")
     for index, named in enumerate(environment.dones.shared):
         apart = 2.0 * kept["deputy_collision"].deputy_radius if "deputy_collision" in kept else math.inf
         done = named.functor
         if isinstance(done, CollisionDoneFunction) and done.safety_constraint > apart:
-            text = f"deputies collide within {done.safety_constraint:g} m, and the filter keeps them {apart:g} m apart"
+            text = f"deputies collide at {done.safety_constraint:g} m, but the filter only keeps them {apart:g} m apart"
             place = (*_ENVIRONMENT, "dones", "shared", index, "config", "safety_constraint")
             report(place, f"{text}; lower this, or raise the filter's `deputy_radius`")
 
@@ -154,12 +154,12 @@ def _check_filter(
 def _check_motion(
     plugin: Any, where: KeyTuple, simulator: Simulator, worlds: Sequence[WorldValues], report: ReportProblem
 ) -> None:
-    """Check that a filter withstands what the simulation does to the motion that it counts on."""
+    """Check that a filter allows for every disturbance of the motion that it assumes."""
     if getattr(plugin, "method", None) == "continuous":
         return
     dynamics, components = simulator.compose()
     sources: list[Any] = [*([simulator.disturbance] if simulator.disturbance else ()), *components]
-    if isinstance(plugin, TaskParameters):  # who else counts on Clohessy-Wiltshire dynamics is not known
+    if isinstance(plugin, TaskParameters):  # the assumptions of other filters are not known
         sources.append(dynamics)
     kept, bounds = _kept(plugin), getattr(plugin, "disturbance", None)
     silent, exceeded = dict[str, None](), dict[str, tuple[float, str]]()
@@ -169,7 +169,7 @@ def _check_motion(
         for source in sources:
             try:
                 found = source.disturbance_bounds(limits)
-            except ValueError:  # what grows with the range has no bound where none is kept
+            except ValueError:  # a disturbance that grows with the range is unbounded if the range is
                 found = None
             if found is None:
                 silent[source.registered_name] = None
@@ -180,47 +180,47 @@ def _check_motion(
             names = dict.fromkeys(name for name, one in known if getattr(one, field) > 0.0)
             exceeded[field] = getattr(total, field), " and ".join(names)
     if silent:
-        text = f"{' and '.join(silent)} may change the motion that the filter counts on, and declares no "
+        text = f"{' and '.join(silent)} may change the motion that the filter assumes, but has no "
         text += "`disturbance_bounds` for this flight"
         if plugin.undeclared == "warn":
-            warnings.warn(f"{text}: the filter promises nothing", SafetyFilterWarning, stacklevel=2)
+            warnings.warn(f"{text}: the filter gives no guarantee", SafetyFilterWarning, stacklevel=2)
         else:
-            remedy = "declare them, switch the filter off, or let it fly without a promise by `undeclared: warn`"
+            remedy = "declare them, disable the filter, or accept that it gives no guarantee with `undeclared: warn`"
             report((*where, "enabled"), f"{text}; {remedy}")
     if exceeded and bounds is None:
         by = " and ".join(dict.fromkeys(name for _, name in exceeded.values()))
-        text = f"the simulation is disturbed by {by}, and this filter promises nothing then; "
+        text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
         if "disturbance" in type(plugin).model_fields:
-            report((*where, "disturbance"), f"{text}give it the bounds, or switch it off")
+            report((*where, "disturbance"), f"{text}give the filter the bounds, or disable it")
         else:
-            report((*where, "enabled"), f"{text}switch it off, or remove what disturbs")
+            report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
         return
     for field, (value, by) in exceeded.items():
-        text = f"the simulation's `{field}` is {value:g}, by {by}, beyond this bound"
-        report((*where, "disturbance", field), f"{text}; raise it, or lower the simulation's")
+        text = f"the simulation's `{field}` is {value:g}, from {by}, which exceeds this bound"
+        report((*where, "disturbance", field), f"{text}; raise the bound, or lower the disturbance")
 
 
 def _reach(kept: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the largest distance [m] and speed [m/s] that a filter allows; infinite where it bounds none."""
+    """Return the largest distance [m] and speed [m/s] that a filter allows; infinite if it has no such constraint."""
     axes = [kept[name].vel_limit if name in kept else math.inf for name in ("x_vel", "y_vel", "z_vel")]
     return kept["r_max"].r_max if "r_max" in kept else math.inf, math.hypot(*axes)
 
 
 def _check_sun_angle(reset: ResetPlan, report: ReportProblem) -> None:
-    """Check that the sun starts at the angle with which the initial states of the deputies are tested."""
+    """Check that the initial angle of the sun is the one with which the deputies' initial states are tested."""
     starts = [item.parameter for item in reset.environment if item.name == "sun_angle"]
     for name in dict.fromkeys(source for body in reset.deputies.values() for source in body.sources):
         sampler = reset.parameters[name]
         if not isinstance(sampler, RejectionSampler) or sampler.rta is None or "sun_angle" not in sampler.rta.states:
             continue
         if starts != [SimAttributeAccessor(attribute_name=f"{name}.sun_angle")]:
-            text = f"`{name}` tests initial states with a sun angle that it draws, and the sun starts at another"
+            text = f"`{name}` tests initial states with a sun angle that it samples, but the sun starts at another one"
             place = (*_ENVIRONMENT, "simulator_reset_parameters", "additional_entities", "sun", "config", "theta")
-            report(place, f"{text}; let this be a SimAttributeAccessor of `{name}.sun_angle`")
+            report(place, f"{text}; use a SimAttributeAccessor of `{name}.sun_angle`")
 
 
 def _moving_bodies(simulator: Simulator, reset: ResetPlan) -> Iterator[str]:
-    """Yield the bodies that components act on and that do not rest at the origin."""
+    """Yield the bodies that components act on and that are not at rest at the origin."""
     for name in {body: None for component in simulator.compose()[1] for body in component.bodies}:
         body = reset.entities.get(name)
         if body is not None and not _rests_at_origin(body):
@@ -238,7 +238,7 @@ def _rests_at_origin(body: BodyReset) -> bool:
 
 
 def _check_thrusters(entry: AgentEntry, where: KeyTuple, report: ReportProblem) -> None:
-    """Check that the controllers can give thrust along each axis, as the filters plan with."""
+    """Check that the controllers can apply thrust along each axis, as the filters assume."""
     least, largest = np.zeros(3), np.zeros(3)
     for part in entry.config.config.parts:
         if isinstance(part, Controller) and part.control_size == 3:
@@ -248,14 +248,14 @@ def _check_thrusters(entry: AgentEntry, where: KeyTuple, report: ReportProblem) 
     missing = [_AXES[k] for k in range(3) if not (least[k] < 0.0 < largest[k])]
     if missing:
         axes = " and ".join(missing)
-        text = f"the safety filter thrusts along all axes, and {entry.name} has no controller along {axes}"
-        report(where, f"{text}; add one, or switch the filter off")
+        text = f"the safety filter needs thrust along all axes, but {entry.name} has no controller along {axes}"
+        report(where, f"{text}; add one, or disable the filter")
 
 
 def _check_ends(
     plugin: Any, entry: AgentEntry, base: KeyTuple, config: ExperimentConfig, reset: ResetPlan, report: ReportProblem
 ) -> None:
-    """Check that an episode is not lost within what the filter allows."""
+    """Check that a done function does not end an episode as lost in states that the filter allows."""
     kept, parts = _kept(plugin), entry.config.config.parts
     orbit = config.config.config.env_config.simulator.compose()[0].offers().get("mean_motion", 0.0)
     far = kept["r_max"].r_max if "r_max" in kept else 0.0
@@ -266,17 +266,17 @@ def _check_ends(
         if isinstance(done, MaxDistanceDoneFunction) and far:
             _check_references(done, parts, reset, where, report)
             if done.max_distance < far:
-                text = f"a deputy is lost beyond {done.max_distance:g} m, and the filter lets it fly to {far:g} m"
-                report((*where, "max_distance"), f"{text}; lower the filter's `r_max`, or raise this")
+                text = f"a deputy loses beyond {done.max_distance:g} m, but the filter allows up to {far:g} m"
+                report((*where, "max_distance"), f"{text}; lower the filter's `r_max`, or raise this value")
 
 
 def _check_crash(plugin: Any, done: CrashDoneFunction, orbit: float, where: KeyTuple, report: ReportProblem) -> bool:
-    """Check that a deputy does not crash within what the filter allows; return whether the filter prevents a crash."""
+    """Check that a crash is not within what the filter allows; return whether the filter prevents crashes."""
     kept, radius, limit = _kept(plugin), done.crash_region_radius, done.velocity_constraint
     near = kept["chief_collision"].collision_radius if "chief_collision" in kept else 0.0
     if near:
         if radius > near:
-            text = f"a deputy crashes within {radius:g} m of the chief, and the filter keeps it only beyond {near:g} m"
+            text = f"a deputy crashes within {radius:g} m of the chief, but the filter only keeps it beyond {near:g} m"
             report((*where, "crash_region_radius"), f"{text}; raise the filter's `collision_radius`, or lower this")
         return True
     fastest = _speed_limit(plugin, kept, orbit, radius)
@@ -286,13 +286,13 @@ def _check_crash(plugin: Any, done: CrashDoneFunction, orbit: float, where: KeyT
     allowed = limit.velocity_threshold + slope * max(radius - limit.threshold_distance, 0.0)
     if allowed < fastest and not math.isclose(allowed, fastest, rel_tol=1e-9):
         lost, flown = distinct(allowed, fastest)
-        text = f"a deputy crashes that reaches {radius:g} m faster than {lost} m/s, and the filter allows {flown} m/s"
-        report((*where, "velocity_constraint"), f"{text} there; lower the filter's limit, or raise this")
+        text = f"a deputy crashes if it reaches {radius:g} m faster than {lost} m/s, but the filter allows {flown} m/s"
+        report((*where, "velocity_constraint"), f"{text} there; lower the filter's limit, or raise this value")
     return True
 
 
 def _speed_limit(plugin: Any, kept: Mapping[str, Any], orbit: float, distance: float) -> float:
-    """Return the largest speed that a filter allows at a range [m/s]; infinite where it bounds none."""
+    """Return the largest speed that a filter allows at a range [m/s]; infinite if it does not limit the speed."""
     if isinstance(plugin, RTAGlueCWHDocking3d):
         beyond = max(distance - (plugin.v0_distance or 0.0), 0.0)
         return float(min(plugin.v0 + plugin.v1_coef * orbit * beyond, plugin.vel_limit))
@@ -305,7 +305,7 @@ def _speed_limit(plugin: Any, kept: Mapping[str, Any], orbit: float, distance: f
 def _check_references(
     done: Any, parts: Sequence[Part], reset: ResetPlan, where: KeyTuple, report: ReportProblem
 ) -> None:
-    """Check that a done function measures from a body that rests at the origin, as the filter does."""
+    """Check that a done function measures from a body at rest at the origin, as the filter assumes."""
     known = {part.part_name: part for part in parts}
     for field, kind in done.references().items():
         name = getattr(done, field)
@@ -316,5 +316,5 @@ def _check_references(
         if isinstance(sensor, EntityPositionSensor | EntityVelocitySensor):
             body = reset.entities.get(sensor.entity_name)
         if body is None or not _rests_at_origin(body):
-            text = f"the filter keeps deputies safe about the origin, and {name!r} reads no body that rests there"
-            report((*where, field), f"{text}; name a sensor of such a body, remove this, or switch the filter off")
+            text = f"the filter assumes a chief at rest at the origin, but {name!r} does not read such a body"
+            report((*where, field), f"{text}; name a sensor of such a body, remove this key, or disable the filter")

@@ -1,4 +1,4 @@
-"""Which policy flies which agent, with the checks that need more than one of them."""
+"""The assignment of policies to agents, with the checks that involve several of them."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from safe_inspect.config.spec import PolicySpec
 
 
 def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, PolicySpec]:
-    """Return the policies that fly agents from outside the environment, by name, in agent order.
+    """Return the policies of the agents that the caller controls, by name, in agent order.
 
     Args:
         config: The validated models.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
     """
     flown: dict[str, list[tuple[int, AgentEntry, PolicyConfig]]] = {}
     for index, entry in enumerate(config.agent_config):
         if entry.policy is None and len(config.agent_config) > 1:
             examples = "{algorithm: PPO} or {functor: ZeroThrust}"
-            text = f"the agent {entry.name!r} has no policy; give it a `policy`, such as {examples}"
+            text = f"the agent {entry.name!r} has no policy; add the key `policy`, such as {examples}"
             report(("agent_config", index), text)
         policy = entry.policy or PolicyConfig()
         if policy.functor is None:
             flown.setdefault(entry.flown_by, []).append((index, entry, policy))
         elif entry.policy_name is not None:
             where = ("agent_config", index, "policy_name")
-            report(where, "a scripted policy is shared with nobody; remove the name")
+            report(where, "a scripted policy cannot be shared; remove the name")
     if not flown:
-        report(("agent_config",), "no agent has a policy that learns; give one of them an `algorithm`")
+        report(("agent_config",), "no agent has a policy that is trained; give one of them an `algorithm`")
     elif not any(policy.checkpoint is None for group in flown.values() for _, _, policy in group):
-        report(("agent_config",), "every policy comes from a checkpoint, so that none learns; give one an `algorithm`")
+        report(("agent_config",), "all policies come from checkpoints, so none is trained; give one an `algorithm`")
     found = {}
     for name, group in flown.items():
         _check_shared(name, group, report)
@@ -49,12 +49,12 @@ def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, Po
         for index, _, policy in group:
             if policy.algorithm and policy.algorithm != algorithms[0]:
                 place: KeyTuple = ("agent_config", index, "policy", "algorithm")
-                report(place, f"RLlib trains all policies with one algorithm; here are {' and '.join(algorithms)}")
+                report(place, f"RLlib trains all policies with one algorithm, not with {' and '.join(algorithms)}")
     return found
 
 
 def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: ReportProblem) -> None:
-    """Check that agents that share a policy give it the same configuration."""
+    """Check that agents that share a policy have the same configuration of it."""
     _, first, policy = group[0]
     for index, entry, other in group[1:]:
         if other != policy:

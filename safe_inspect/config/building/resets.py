@@ -1,4 +1,4 @@
-"""From the reset parameters of an experiment to its `ResetPlan`, with the checks that need more than one of them."""
+"""Construction of a `ResetPlan` from the reset parameters, with the checks that involve several of them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _STATES = ("position", "velocity")
 
 
 def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
-    """Return how an episode begins.
+    """Return the plan of a reset: the distribution of initial states.
 
     Args:
         config: The validated models.
-        report: Takes the path and the message of every mistake that is found.
+        report: Function that is called with the path and the message of every mistake.
     """
     drawn = config.config.config.env_config.simulator_reset_parameters
     parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
@@ -39,13 +39,13 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
         if entity.entity_class is not None:
             for item in _drawn_for(entity.entity_class, entity, parameters, where, report):
                 if item.name in environment:
-                    report(where, f"there is a {entity.entity_class} already; remove one")
+                    report(where, f"there is more than one {entity.entity_class}; remove one of them")
                 environment[item.name] = item
         elif entity.initializer is None and entity.platform is None:
-            report(where, "a body needs a `platform` or an `initializer`, and a component its `entity_class`")
+            report(where, "a body needs a `platform` or an `initializer`, a component needs an `entity_class`")
         else:
             if name in platforms:
-                report(where, f"a platform is named {name!r} too; give the body another name")
+                report(where, f"a platform is also named {name!r}; give the body another name")
             entities[name] = BodyReset(entity.initializer or PositionVelocityInitializer(), entity.config)
             _check_body(entities[name], parameters, where, report)
     deputies: dict[str, BodyReset] = {}
@@ -67,7 +67,7 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
 def _check_parameters(
     parameters: Mapping[str, Parameter], read: Iterable[Mapping[str, str | None]], report: ReportProblem
 ) -> None:
-    """Check the reset parameters among themselves, and those that components read: all that one reads, or none."""
+    """Check the reset parameters, including that those of a component are either all given or all missing."""
     before: dict[str, Parameter] = {}
     for name, parameter in parameters.items():
         if isinstance(parameter, RejectionSampler):
@@ -82,29 +82,29 @@ def _check_parameters(
             _check_taken(parameters[name], units[name], before, (*_RESET, name), report)
             if len(given) < len(units):
                 missing = next(other for other in units if other not in given)
-                report((*_RESET, name), f"`{missing}` is needed beside it; add it, or remove this one")
+                report((*_RESET, name), f"`{missing}` is also required; add it, or remove this one")
 
 
 def _drawn_for(
     name: str, entity: EntityConfig, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
 ) -> Iterator[EnvironmentDraw]:
-    """Yield what is drawn for a component that stands among the bodies."""
+    """Yield the sampled parameters of a component that is listed among the bodies."""
     taken = registry.get("component", name).entity
     for key in [key for key in entity.config if key not in taken]:
-        report((*where, "config", key), f"a {name} takes {' and '.join(f'`{other}`' for other in taken)} alone")
+        report((*where, "config", key), f"a {name} takes only {' and '.join(f'`{other}`' for other in taken)}")
     for key in ("platform", "initializer"):
         if getattr(entity, key) is not None:
             report((*where, key), f"a {name} takes no `{key}`; remove it")
     for key, told in taken.items():
         if key not in entity.config:
-            report(where, f"a {name} needs `{key}`, which is drawn at a reset")
+            report(where, f"a {name} needs `{key}`, which is sampled at a reset")
             continue
         _check_taken(entity.config[key], told.symbol, parameters, (*where, "config", key), report)
         yield EnvironmentDraw(told.value, told.purpose, entity.config[key])
 
 
 def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem) -> None:
-    """Check that a body's initialiser gets what it takes and gives a position and a velocity."""
+    """Check that a body's initialiser gets its parameters, and that they determine a position and a velocity."""
     initializer = body.initializer
     try:
         check_parameters(initializer, body.parameters, "config")
@@ -125,10 +125,10 @@ def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], where: Key
             if state not in known:
                 given = ()
                 place = (*where, "initializer", "config", "states", index)
-                report(place, f"the sampler gives no state {state!r}; {did_you_mean(state, known)}")
+                report(place, f"the sampler has no state {state!r}; {did_you_mean(state, known)}")
     missing = [state for state in _STATES if state not in given]
     if given and missing:
-        text = f"a body needs its {' and '.join(missing)} at a reset; {sorted(given)} are given"
+        text = f"a body needs an initial {' and '.join(missing)}; only {sorted(given)} are given"
         report((*where, "initializer"), text)
 
 
@@ -139,14 +139,14 @@ def _check_taken(
     where: KeyTuple,
     report: ReportProblem,
 ) -> Parameter | None:
-    """Check that a parameter gives what is wanted, and return where its value is drawn.
+    """Check that a parameter has the expected kind and unit, and return where its value is sampled.
 
     Args:
-        parameter: A parameter, perhaps an accessor to another.
-        symbol: SI unit of the number that is wanted, empty for any; None when the states of a body are wanted.
-        parameters: What an accessor may name.
+        parameter: A parameter or an accessor to another parameter.
+        symbol: SI unit of the expected number, empty for any unit; None if the states of a body are expected.
+        parameters: Parameters that an accessor may name.
         where: Path of the parameter.
-        report: Takes mistakes.
+        report: Function that is called with the path and the message of every mistake.
     """
     source, state, place = parameter, "", where
     if isinstance(parameter, SimAttributeAccessor):
@@ -158,31 +158,31 @@ def _check_taken(
     given = source.initializer.gives if isinstance(source, RejectionSampler) else {}
     if symbol is None:
         if state or isinstance(source, ScalarParameter):
-            wanted = "the states of a body are wanted here, as a RejectionSampler gives"
+            wanted = "expected the states of a body here, such as those of a RejectionSampler"
             report(place, f"{named} is a single value; {wanted}")
     elif state:
         if given.get(state, 1) != 1:
-            report(place, f"{named} has {given[state]} elements; one number is wanted here")
+            report(place, f"{named} has {given[state]} elements; expected one number here")
     elif isinstance(source, RejectionSampler):
-        report(place, f"{named} is a set of states; one number is wanted here, such as one of {sorted(given)}")
+        report(place, f"{named} is a set of states; expected one number here, such as one of {sorted(given)}")
     elif symbol and source.symbol not in (None, symbol):
         report(place if source is not parameter else (*where, "config", "units"),
-               f"{named} is given in {source.symbol}, but is measured in {symbol}")  # fmt: skip
+               f"{named} has the unit {source.symbol}, but {symbol} is required")  # fmt: skip
     return source
 
 
 def _check_source(
     accessor: SimAttributeAccessor, parameters: Mapping[str, Parameter], where: KeyTuple, report: ReportProblem
 ) -> Parameter | None:
-    """Return the reset parameter that an accessor names, drawn before it; None when it names nothing."""
+    """Return the reset parameter that an accessor names, which must come before it, or None if there is none."""
     name, state = _source(accessor)
     where = (*where, "config", "attribute_name")
     if name not in parameters:
-        report(where, f"no reset parameter is named {name!r}; {did_you_mean(name, parameters)}")
+        report(where, f"there is no reset parameter {name!r}; {did_you_mean(name, parameters)}")
         return None
     source = parameters[name]
     if isinstance(source, SimAttributeAccessor):
-        report(where, f"{name!r} is an accessor itself; name what it stands for, `{source.attribute_name}`")
+        report(where, f"{name!r} is an accessor itself; name its own source, `{source.attribute_name}`")
         return None
     states = source.initializer.gives if isinstance(source, RejectionSampler) else {}
     if state and state not in states and (states or isinstance(source, ScalarParameter)):
@@ -192,7 +192,7 @@ def _check_source(
 
 
 def _source(accessor: SimAttributeAccessor) -> tuple[str, str]:
-    """Return the parameter and the state, perhaps empty, that an accessor names."""
+    """Return the parameter and the state (may be empty) that an accessor names."""
     name, _, state = accessor.attribute_name.partition(".")
     return name, state
 

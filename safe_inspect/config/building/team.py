@@ -1,4 +1,4 @@
-"""The checks and the beginnings that concern several agents together."""
+"""Checks and initial states that involve several agents."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
 def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: ReportProblem) -> None:
-    """Check names, platforms and shared done functions, and that all agents keep one time.
+    """Check names, platforms and shared done functions, and that all agents have the same frame rate.
 
     Args:
         config: The validated models.
-        agents: The agents that could be assembled.
-        report: Takes the path and the message of every mistake that is found.
+        agents: The agents without mistakes.
+        report: Function that is called with the path and the message of every mistake.
     """
     names: dict[str, int] = {}
     controls: dict[str, str] = {}
@@ -40,26 +40,26 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
     for index, entry in enumerate(config.agent_config):
         where: KeyTuple = ("agent_config", index)
         if entry.name in names:
-            report((*where, "name"), f"two agents are named {entry.name!r}; give each a name of its own")
+            report((*where, "name"), f"two agents are named {entry.name!r}; give each a unique name")
         names[entry.name] = index
         for number, platform in enumerate(entry.platforms[:1]):
             if platform in controls:
                 message = f"{controls[platform]} and {entry.name} both control the platform {platform!r}"
-                report((*where, "platforms", number), f"{message}; give each agent a platform of its own")
+                report((*where, "platforms", number), f"{message}; give each agent its own platform")
             controls[platform] = entry.name
         if entry.config.config.frame_rate != lead.config.config.frame_rate:
             message = f"{entry.name} acts at {entry.config.config.frame_rate:g} Hz, {lead.name} at "
             place = (*where, "config", "config", "frame_rate")
-            report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents act at one rate")
+            report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents must act at the same rate")
     if len(config.agent_config) > MAX_COUNT:
-        text = f"{len(config.agent_config)} agents are too many for one environment; {MAX_COUNT} at most"
+        text = f"{len(config.agent_config)} agents are too many; an environment has at most {MAX_COUNT}"
         report(("agent_config",), text)
     done_names = {named.name for agent in agents for named in agent.dones}
     seen: set[str] = set()
     for index, named in enumerate(config.config.config.env_config.dones.shared):
         where = (*_ENVIRONMENT, "dones", "shared", index)
         if named.name in seen:
-            report(where, f"two shared dones are named {named.name!r}; give one of them a `name` of its own")
+            report(where, f"two shared dones are named {named.name!r}; give one of them a unique `name`")
         seen.add(named.name)
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
@@ -71,17 +71,17 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
                 )
     safety = config.config.config.env_config.rta
     if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
-        message = "the environment's `rta` counts on ended deputies that coast; let them `coast`, or switch it off"
+        message = "the environment's `rta` assumes that ended deputies coast; use `coast`, or disable the filter"
         report((*_ENVIRONMENT, "ended_deputies"), message)
     for index, agent in enumerate(agents):
         own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         if safety is not None and safety.enabled and own:
-            message = "its own safety filter and the one of the environment's `rta` are both enabled; switch one off"
+            message = "its safety filter and that of the environment's `rta` are both enabled; disable one of them"
             report(("agent_config", index, "config", "config", "glues"), message)
 
 
 def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
-    """Return the plan that refuses every initial state from which the filters could not keep the deputies safe."""
+    """Return the plan that rejects every initial state from which the filters could not keep the deputies safe."""
     filters = {
         index: glue
         for index, agent in enumerate(agents)
@@ -116,9 +116,9 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
 
 
 def _tested(reset: ResetPlan, platform: str, *, by_own: bool) -> bool:
-    """Return whether a rejection sampler tests the initial states of a deputy by the filters.
+    """Return whether a rejection sampler tests the initial states of a deputy against the filters.
 
-    Samplers take the further tests of the plan; the filter of the first deputy is a part of their own `rta`.
+    Samplers apply the further tests of the plan; the filter of the first deputy is part of the sampler's `rta`.
     """
     samplers = [reset.parameters[name] for name in reset.deputies[platform].sources if name in reset.parameters]
     return any(isinstance(item, RejectionSampler) and (not by_own or item.rta is not None) for item in samplers)
@@ -130,7 +130,7 @@ def _warn_of_starts(
     bodies: Mapping[str, Mapping[str, FloatArray]],
     values: Mapping[str, Any],
 ) -> None:
-    """Warn of initial states from which a filter promises nothing; see `StartWatch`."""
+    """Warn about initial states from which a filter gives no guarantee; see `StartWatch`."""
     states = {name: value for name, value in values.items() if not isinstance(value, Mapping)}
     for state in ("position", "velocity"):
         own = [bodies[name][state] for name in platforms]
@@ -138,8 +138,8 @@ def _warn_of_starts(
     refused = [name for name, rows in safety.refusals(states).items() if rows.any()]
     if refused:
         warnings.warn(
-            f"{', '.join(platforms)}: initial states are refused by {', '.join(refused)}; the safety filter promises "
-            f"nothing for such episodes; draw them with a RejectionSampler that has an `rta`, or choose others",
+            f"{', '.join(platforms)}: initial states are rejected by {', '.join(refused)}; the safety filter gives no "
+            f"guarantee for such episodes; sample them with a RejectionSampler that has an `rta`, or choose others",
             UnsafeInitialStateWarning,
             stacklevel=2,
         )
@@ -157,14 +157,14 @@ def _sampled_with(reset: ResetPlan, safety: SafetyGlue) -> dict[str, Any]:
 def _own_refusals(
     filters: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
-    """Test a deputy by a filter of its own, where that is not the first deputy's; see `TeamTest`."""
+    """Test a deputy with its filter, if that is not the first deputy's; see `TeamTest`."""
     return filters[index].refusals(states) if index in filters else {}
 
 
 def _team_refusals(
     safety: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
-    """Test a deputy together with those before it; see `TeamTest`."""
+    """Test a deputy together with the deputies before it; see `TeamTest`."""
     team = {
         name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
         for name in ("position", "velocity")

@@ -1,4 +1,4 @@
-"""What plugins take from the world and must not contradict: the step, the orbit, the mass and the thrust."""
+"""Values that plugins take from the world and must not contradict: the step, the orbit, the mass and the thrust."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.types import FloatArray
 
-#: Values of an agent's world by the names of `TaskParameters`, in SI units.
+#: Values of an agent's world, by the names in `TaskParameters`, in SI units.
 WorldValues = Mapping[str, float]
 
 _P = TypeVar("_P", bound=Plugin)
@@ -31,7 +31,7 @@ _SOURCES = {"n": "the simulator's `mean_motion`", "step_size": "1 / `frame_rate`
 
 
 def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> list[WorldValues]:
-    """Return the world of each agent: its step, mean motion and mass, and the thrust that its controllers can give."""
+    """Return the world of each agent: step, mean motion, mass, and the thrust that its controllers can apply."""
     offered = config.config.config.env_config.simulator.compose()[0].offers()
     worlds: list[WorldValues] = []
     for entry in config.agent_config:
@@ -49,13 +49,13 @@ def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> li
 
 
 def _thrust_limits(entry: AgentEntry) -> list[tuple[FloatArray, FloatArray]]:
-    """Return smallest and largest thrusts of an agent's controllers [N], those of moments left out."""
+    """Return smallest and largest thrusts of an agent's controllers [N], without those that command moments."""
     parts = entry.config.config.parts
     return [part.limits for part in parts if isinstance(part, Controller) and part.control_size == 3]
 
 
 def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
-    """Return what all agents share: equal values, and the least thrust."""
+    """Return the world that all agents share: the values that are equal, and the smallest thrust."""
     common = {name: value for name, value in worlds[0].items() if all(world.get(name) == value for world in worlds)}
     if all("u_max" in world for world in worlds):
         common["u_max"] = min(world["u_max"] for world in worlds)
@@ -63,9 +63,9 @@ def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
 
 
 def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProblem) -> _P:
-    """Return a plugin with the fields of `TaskParameters` that it is not given; others as they are.
+    """Return a plugin whose missing fields of `TaskParameters` are taken from the world; other plugins are unchanged.
 
-    Only a filter that is enabled counts on the thrust: an agent without one may have thrusters too weak for any.
+    Only an enabled filter depends on the thrust; other agents may have thrusters that are too weak for a filter.
     """
     if not isinstance(plugin, TaskParameters):
         return plugin
@@ -76,12 +76,12 @@ def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProb
     except ValidationError as error:
         for problem in error.errors(include_url=False):
             text = "; ".join(filter(None, message(problem)))
-            report((*where, "config", *problem["loc"]), f"with the values of the world: {text}")
+            report((*where, "config", *problem["loc"]), f"with the values of the simulation: {text}")
         return plugin
 
 
 def reset_in_world(reset: ResetPlan, world: WorldValues, report: ReportProblem) -> ResetPlan:
-    """Return the plan with the safety tests of its samplers in the world."""
+    """Return the plan with the samplers' safety tests in the world."""
     parameters = dict(reset.parameters)
     for name, parameter in parameters.items():
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
@@ -93,7 +93,7 @@ def reset_in_world(reset: ResetPlan, world: WorldValues, report: ReportProblem) 
 def check_world(
     config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: ReportProblem
 ) -> None:  # fmt: skip
-    """Check that what plugins are given of the step, the mass, the orbit and the thrust is what the simulation has."""
+    """Check that the step, mass, orbit and thrust that plugins assume are those of the simulation."""
     environment = config.config.config.env_config
     common = common_world(worlds)
     shared: list[tuple[KeyTuple, Plugin]] = []
@@ -115,30 +115,30 @@ def check_world(
             for name, own in bodies.items():
                 if radius is not None and radius < own:
                     text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({own:g} m)"
-                    report((*path, "config", "collision_radius"), f"{text}; make it at least as large")
+                    report((*path, "config", "collision_radius"), f"{text}; make it at least as large as that")
             filters = isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled
             if filters and isinstance(plugin, TaskParameters) and "n" not in world:
-                text = "the filter keeps deputies in Clohessy-Wiltshire dynamics safe, and these move by "
+                text = "the filter assumes Clohessy-Wiltshire dynamics, but these deputies move by "
                 text += dynamics.registered_name
-                report((*path, "config", "enabled"), f"{text}; switch it off")
+                report((*path, "config", "enabled"), f"{text}; disable the filter")
             elif filters and environment.simulator.turns:
-                text = "the filter certifies a thrust held along the axes of Hill's frame, and these deputies turn"
-                report((*path, "config", "enabled"), f"{text}; switch it off")
+                text = "the filter assumes thrust along the axes of Hill's frame, but these deputies have an attitude"
+                report((*path, "config", "enabled"), f"{text}; disable the filter")
             thrust = _value(plugin, "u_max", taken)
             if filters and thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in largest):
-                text = f"the filter counts on {thrust:g} N along each axis, which a controller cannot give"
+                text = f"the filter assumes {thrust:g} N along each axis, which a controller cannot apply"
                 report((*path, "config", "u_max"), f"{text}; lower `u_max`, or raise the controller's limits")
             for field in ("n", "step_size", "mass", "m"):
                 source = "m" if field == "mass" else field
                 given, value = _value(plugin, field, taken), world.get(source)
                 if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
                     here, there = distinct(given, value)
-                    text = f"`{field}` is {here} here, but {_SOURCES[source]} is {there}; make them agree"
+                    text = f"`{field}` is {here} here, but {_SOURCES[source]} is {there}; use the same value"
                     report((*path, "config", field), text)
 
 
 def plugins_of(entry: AgentEntry, base: KeyTuple) -> Iterator[tuple[KeyTuple, Plugin]]:
-    """Yield every plugin of an agent that may name something, with its path."""
+    """Yield every plugin of an agent that may refer to others by name, with its path."""
     body = entry.config.config
     for key in ("parts", "glues"):
         for index, plugin in enumerate(getattr(body, key)):
@@ -149,7 +149,7 @@ def plugins_of(entry: AgentEntry, base: KeyTuple) -> Iterator[tuple[KeyTuple, Pl
 
 
 def _nested(path: KeyTuple, plugin: Plugin) -> Iterator[tuple[KeyTuple, Plugin]]:
-    """Yield a plugin and those that it wraps: one, a list of them or a mapping."""
+    """Yield a plugin and those that it wraps, which are one plugin, a list or a mapping."""
     yield path, plugin
     wrapped: Any = getattr(plugin, "wrapped", ())
     if isinstance(wrapped, Plugin):
@@ -160,7 +160,7 @@ def _nested(path: KeyTuple, plugin: Plugin) -> Iterator[tuple[KeyTuple, Plugin]]
 
 
 def distinct(one: float, other: float) -> tuple[str, str]:
-    """Return two numbers with six digits, or with as many as show their difference."""
+    """Return two numbers with six digits, or with as many as are needed to tell them apart."""
     for digits in range(6, 18):
         texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
         if texts[0] != texts[1]:
@@ -173,9 +173,9 @@ def _sampler(name: str) -> KeyTuple:
 
 
 def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:
-    """Return a field of a plugin, from the world where it is taken from there; None where there is none to compare.
+    """Return a field of a plugin, or of the world if it is taken from there; None if there is nothing to compare.
 
-    A filter that is switched off says nothing of what it is not given, as where deputies of a team differ.
+    A disabled filter has no value for a field that is not given, because the deputies of a team may differ.
     """
     if field not in type(plugin).model_fields:
         return None

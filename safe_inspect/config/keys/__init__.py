@@ -1,1 +1,1 @@
-"""The keys of RLlib, Tune and Ray that an experiment may give, as plain data."""
+"""The keys of RLlib, Tune and Ray that are permitted in an experiment, as plain data."""

@@ -1,13 +1,13 @@
-"""Keys of RLlib's old API stack and keys that an experiment may not set, as plain data.
+"""Keys of RLlib's old API stack, and keys that an experiment must not set, as plain data.
 
-Files written for the peer carry the old names. A name that lives on is translated, one
-that has lost its meaning is dropped with its reason, and one that asks for something that
-cannot be honoured is refused.
+Files that were written for safe-autonomy-sims use the old names. A name that still
+exists is translated, one without a meaning today is dropped with its reason, and one
+that requests something unsupported is an error.
 """
 
 from __future__ import annotations
 
-#: Old name to new name. A dot leads into the mapping `model_config`.
+#: Old name to new name. A dot separates `model_config` from a key of that mapping.
 RENAMED: dict[str, str] = {
     "num_workers": "num_env_runners",
     "num_rollout_workers": "num_env_runners",
@@ -26,7 +26,7 @@ RENAMED: dict[str, str] = {
     "num_sgd_iter": "num_epochs",
     "shuffle_sequences": "shuffle_batch_per_epoch",
     "lr_schedule": "lr",
-    # as other libraries of reinforcement learning call them
+    # the names in other reinforcement learning libraries
     "learning_rate": "lr",
     "n_epochs": "num_epochs",
     "gae_lambda": "lambda",
@@ -60,14 +60,14 @@ RENAMED: dict[str, str] = {
     "validate_workers_after_construction": "validate_env_runners_after_construction",
 }
 
-#: Other spellings that need no message: the same key, as Python and YAML write it.
+#: Other spellings of the same key in Python and YAML, which are accepted without a message.
 SPELLINGS: dict[str, str] = {"lambda_": "lambda", "framework_str": "framework", "run": "algorithm"}
 
-#: Old keys without an effect today, and why.
+#: Old keys without an effect, and the reasons.
 DROPPED: dict[str, str] = {
     "horizon": "the time limit belongs to the environment (a time-limit done of the agent)",
     "soft_horizon": "the time limit belongs to the environment",
-    "no_done_at_end": "the environment tells the end of an episode from a cut",
+    "no_done_at_end": "the environment distinguishes termination from truncation",
     "clip_actions": "the environments clip actions to their bounds themselves",
     "normalize_actions": "actions are in [-1, 1] already, and the environments clip them",
     "preprocessor_pref": "observations are vectors that the glues normalise",
@@ -77,9 +77,9 @@ DROPPED: dict[str, str] = {
     "gym_env_vectorize_mode": "the environments of a runner are one batch of arrays",
     "disable_env_checking": "it has no effect on the current API stack",
     "auto_wrap_old_gym_envs": "it has no effect on the current API stack",
-    "render_env": "rendering is a command of its own",
-    "record_env": "rendering is a command of its own",
-    "monitor": "rendering is a command of its own",
+    "render_env": "rendering is a separate command",
+    "record_env": "rendering is a separate command",
+    "monitor": "rendering is a separate command",
     "eager_tracing": "only Torch is supported",
     "eager_max_retraces": "only Torch is supported",
     "tf_session_args": "only Torch is supported",
@@ -87,7 +87,7 @@ DROPPED: dict[str, str] = {
     "enable_tf1_exec_eagerly": "only Torch is supported",
     "simple_optimizer": "it has no effect on the current API stack",
     "optimizer": "it has no effect on the current API stack; `lr` and `grad_clip` do",
-    "exploration_config": "exploration is the policy's own distribution; `explore` switches it",
+    "exploration_config": "actions are sampled from the policy's distribution; see `explore`",
     "sample_collector": "it has no effect on the current API stack",
     "sample_async": "it has no effect on the current API stack",
     "sampler_perf_stats_ema_coef": "it has no effect on the current API stack",
@@ -111,7 +111,7 @@ DROPPED: dict[str, str] = {
     "policy_states_are_swappable": "it has no effect on the current API stack",
 }
 
-#: Old keys that are harmless at one value and cannot be honoured at another.
+#: Old keys that have no effect at one value and are not supported at any other.
 ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "framework": (("torch", None), "only `torch` is supported; remove the key"),
     "observation_filter": (
@@ -121,10 +121,10 @@ ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "clip_rewards": ((False, None), "it has no effect on RLlib's current API stack; scale the rewards instead"),
 }
 
-#: Keys that safe_inspect sets itself, and from what.
+#: Keys that safe_inspect sets itself, and their source.
 RESERVED: dict[str, str] = {
     "env": "the environment is built from `config`, `platform_config` and `agent_config`",
-    "env_config": "`env_config` is a key of the experiment, beside `rllib_configs`",
+    "env_config": "`env_config` is a key of the experiment, next to `rllib_configs`",
     "observation_space": "it follows from the agent's glues",
     "action_space": "it follows from the agent's glues",
     "action_mask_key": "masks are not supported",
@@ -135,8 +135,8 @@ RESERVED: dict[str, str] = {
     "multiagent": "the policies follow from `agent_config`",
     "observation_fn": "an agent's observation follows from its glues",
     "count_steps_by": "steps are counted as environment steps",
-    "algorithm_config_overrides_per_module": "give an agent's own settings in its `policy` file",
-    "callbacks_class": "name the class of your own as `callbacks`",
+    "algorithm_config_overrides_per_module": "put the settings of an agent into its `policy` file",
+    "callbacks_class": "give your class as `callbacks`",
     "custom_evaluation_function": "use `safe-inspect evaluate`",
     "custom_eval_function": "use `safe-inspect evaluate`",
     "stats_cls_lookup": "it takes Python classes",
@@ -146,7 +146,7 @@ RESERVED: dict[str, str] = {
     "algo_class": "use `algorithm`",
 }
 
-#: Beginnings of names that are refused alike.
+#: Prefixes of names that are rejected for the same reason.
 RESERVED_PREFIXES: dict[str, str] = {
     "callbacks_on_": "name a class with these methods as `callbacks`",
     "input_": "offline data is not supported",
@@ -169,13 +169,13 @@ RESERVED_PREFIXES: dict[str, str] = {
     "replay_mode": "replay settings of RLlib's old API stack have no effect",
     "replay_proportion": "replay settings of RLlib's old API stack have no effect",
     "prioritized_replay": "replay settings of RLlib's old API stack have no effect",
-    "_": "private attributes of RLlib are no settings",
+    "_": "private attributes of RLlib are not settings",
 }
 
-#: A part of a name that is refused wherever it stands.
+#: Parts of names that are rejected at any position.
 RESERVED_PARTS: dict[str, str] = {"offline": "offline data is not supported"}
 
-#: The nets, old name to new name.
+#: Keys of the networks, old name to new name.
 MODEL_RENAMED: dict[str, str] = {
     "fcnet_weights_initializer": "fcnet_kernel_initializer",
     "fcnet_weights_initializer_config": "fcnet_kernel_initializer_kwargs",
@@ -187,7 +187,7 @@ MODEL_RENAMED: dict[str, str] = {
     "lstm_weights_initializer": "lstm_kernel_initializer",
 }
 
-#: Old keys of the nets without an effect for vectors of numbers.
+#: Old keys of the networks that have no effect for vectors of numbers.
 MODEL_DROPPED: dict[str, str] = dict.fromkeys(
     (
         "_disable_action_flattening",
@@ -208,9 +208,9 @@ MODEL_DROPPED: dict[str, str] = dict.fromkeys(
     "it has no effect for the policies of this package",
 )
 
-#: Old keys of the nets that are harmless at one value.
+#: Old keys of the networks that are accepted at one value only.
 MODEL_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
-    "use_attention": ((False, None), "attention nets are gone from RLlib; use `use_lstm`"),
+    "use_attention": ((False, None), "RLlib no longer supports attention networks; use `use_lstm`"),
     "custom_model": ((None,), "models of RLlib's old API stack cannot be loaded"),
     "custom_preprocessor": ((None,), "preprocessors of RLlib's old API stack cannot be loaded"),
     "custom_action_dist": ((None,), "distributions of RLlib's old API stack cannot be loaded"),

@@ -1,4 +1,4 @@
-"""Words of other libraries, and the keys of this package that they may stand for."""
+"""Words of other libraries, and the keys of this package that they may refer to."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ _ITERATIONS = ("max_iterations", "num_iterations", "n_iterations", "iterations",
 _STEPS = ("total_timesteps", "total_steps", "timesteps", "max_timesteps", "num_timesteps", "env_steps", "steps")
 _EPISODE = ("max_episode_steps", "max_episode_length", "episode_length", "max_steps", "time_limit")
 
-#: The key for each word. Those of `old_keys` have exactly the meaning of their key and are taken for it; here a user
-#: decides.
+#: The key for each word. Words of `old_keys` have exactly the meaning of their key and replace it; these words are only
+#: suggestions, between which the user decides.
 OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(_ITERATIONS, "training_iteration"),
     **dict.fromkeys(_STEPS, "num_env_steps_sampled_lifetime"),
@@ -29,6 +29,6 @@ OTHER_WORDS: dict[str, str] = {
 
 
 def key_hint(word: str, known: Collection[str]) -> str:
-    """Return which of the known keys a word may stand for, as `did_you_mean` does."""
+    """Return a hint with the known key that a word may refer to, in the form of `did_you_mean`."""
     key = OTHER_WORDS.get(word)
     return f"did you mean `{key}`?" if key in known else did_you_mean(word, known)

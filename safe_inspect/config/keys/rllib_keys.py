@@ -1,9 +1,9 @@
 """The keys that an experiment may give to RLlib, as plain data.
 
-RLlib takes any key without a word: one that it does not know has no effect, and so
-have many names of its old API stack. So our own tables say what each key is. They
-import nothing, because `safe-inspect validate` must answer before Ray is loaded; a
-test compares them with the installed release of Ray.
+RLlib accepts any key without a message: unknown ones, and many of its old API stack, have
+no effect. Therefore these tables list the valid keys. They import nothing, because
+`safe-inspect validate` must work without loading Ray; a test compares them with the
+installed release of Ray.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Key:
-    """What a key takes.
+    """The values that a key accepts.
 
     Attributes:
         kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them),
             ``schedule`` (a number, or pairs of step and number), ``names`` (a dotted path of a class, or a list) or
             ``objects`` (`{functor: module.Class, config: {...}}` or a dotted path, or a list), ``object`` for one.
-        low: Least value of a number.
-        high: Greatest value of a number; infinity is a value only where it is the greatest.
-        choices: The words that a text may be; for a number, words that it may be as well.
-        optional: Whether null is a value.
+        low: Smallest value of a number.
+        high: Largest value of a number; infinity is valid only if it is this value.
+        choices: The strings that are valid; for a number, strings that are valid in addition.
+        optional: Whether null is valid.
     """
 
     kind: str
@@ -43,7 +43,7 @@ _SWITCH = Key("boolean")
 _MAPPING = Key("mapping")
 _TEXT = Key("text")
 
-#: Every RLlib algorithm: attributes of `AlgorithmConfig`.
+#: Keys of every RLlib algorithm: attributes of `AlgorithmConfig`.
 COMMON_KEYS: dict[str, Key] = {
     # training
     "gamma": _SHARE,
@@ -129,7 +129,7 @@ COMMON_KEYS: dict[str, Key] = {
     "env_runner_restore_timeout_s": _SECONDS,
 }
 
-#: What PPO adds.
+#: Additional keys of PPO.
 PPO_KEYS: dict[str, Key] = {
     "lambda": _SHARE,
     "use_critic": _SWITCH,
@@ -139,7 +139,7 @@ PPO_KEYS: dict[str, Key] = {
     "kl_target": _AMOUNT,
     "vf_loss_coeff": _AMOUNT,
     "entropy_coeff": Key("schedule", low=0),
-    "clip_param": Key("number", low=1e-6, high=math.inf),  # with 0 no gradient is left
+    "clip_param": Key("number", low=1e-6, high=math.inf),  # with 0 there is no gradient
     "vf_clip_param": Key("number", low=1e-6, high=math.inf),
 }
 
@@ -153,7 +153,7 @@ _REPLAY_KEYS: dict[str, Key] = {
 }
 _RATE = Key("schedule", low=0, optional=True)
 
-#: What SAC adds, as far as files set it often.
+#: Additional keys of SAC that are often set.
 SAC_KEYS: dict[str, Key] = {
     **_REPLAY_KEYS,
     "actor_lr": _RATE,
@@ -164,7 +164,7 @@ SAC_KEYS: dict[str, Key] = {
     "twin_q": _SWITCH,
 }
 
-#: What DQN adds, as far as files set it often.
+#: Additional keys of DQN that are often set.
 DQN_KEYS: dict[str, Key] = {
     **_REPLAY_KEYS,
     "epsilon": Key("schedule", low=0, high=1),
@@ -177,21 +177,21 @@ DQN_KEYS: dict[str, Key] = {
     "td_error_loss_fn": Key("text", choices=("huber", "mse")),
 }
 
-#: Algorithms with keys of their own in a table here. The values of keys in none are checked when Ray is loaded; their
-#: names are those of `rllib_release`.
+#: Algorithms with a table of additional keys here. The values of keys that are in no table are checked when Ray is
+#: loaded; their names are in `rllib_release`.
 ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
-#: Those whose table is complete, so that a key that is not there is a mistake.
+#: Algorithms with a complete table, for which any other key is a mistake.
 CLOSED_ALGORITHMS = ("PPO",)
 
-#: Names of RLlib's algorithms for environments (the offline ones need data and are refused).
+#: Names of RLlib's algorithms for environments (offline algorithms need data and are rejected).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 
-#: Those for which the batched runner samples.
+#: Algorithms that the batched runner supports.
 BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
-#: Those whose policies can be flown, and exported unless they are recurrent.
+#: Algorithms whose policies can be evaluated and, unless they are recurrent, exported.
 FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
-#: Keys of ours among RLlib's.
+#: Keys of safe_inspect that are given with RLlib's.
 OWN_KEYS: dict[str, Key] = {
     "algorithm": _TEXT,
     "model_config": _MAPPING,
@@ -206,10 +206,10 @@ OWN_KEYS: dict[str, Key] = {
     "learner_connector": Key("objects", optional=True),
 }
 
-#: Those whose objects change what a policy is, sees or does, so that its weights alone do not fly.
+#: Keys whose objects change a policy, its input or its output, so that its weights alone do not define it.
 CHANGING_KEYS = ("rl_module", "env_to_module_connector", "module_to_env_connector")
 
-#: What policies that learn together may have of their own.
+#: Keys that may differ between policies that are trained together.
 POLICY_KEYS = (
     "lr",
     "grad_clip",
@@ -226,7 +226,7 @@ POLICY_KEYS = (
 
 _ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
 
-#: The weights of a policy that has not learned: keys of ours in `model_config`, for PPO.
+#: Initial weights of a policy: keys of safe_inspect in `model_config`, for PPO.
 FRESH_KEYS: dict[str, Key] = {
     "orthogonal": _SWITCH,
     "initial_choice": Key("integer", low=0, optional=True),
@@ -237,7 +237,7 @@ FRESH_KEYS: dict[str, Key] = {
     "initial_weights": Key("text", optional=True),
 }
 
-#: The nets: attributes of `DefaultModelConfig` that make sense for vectors of numbers.
+#: Keys of the networks: attributes of `DefaultModelConfig` that apply to vectors of numbers.
 MODEL_KEYS: dict[str, Key] = {
     "fcnet_hiddens": Key("integers", low=1),
     "fcnet_activation": _ACTIVATION,
@@ -267,19 +267,19 @@ MODEL_KEYS: dict[str, Key] = {
     "lstm_bias_initializer_kwargs": Key("mapping", optional=True),
 }
 
-#: Where RLlib's own default does not suit this package.
+#: Defaults that differ from RLlib's.
 COMMON_DEFAULTS: dict[str, Any] = {
-    "num_env_runners": 0,  # the learner is the limit, and one process starts faster than three
+    "num_env_runners": 0,  # the learner is the bottleneck, and one process starts faster than three
     "num_envs_per_env_runner": 64,
-    "sample_timeout_s": 600.0,  # RLlib drops the samples of a slow round after 60 s without an error
+    "sample_timeout_s": 600.0,  # by default RLlib drops the samples of a round without an error after 60 s
     "torch_skip_nan_gradients": True,  # 5 to 15 % faster: it replaces a check of every gradient
     "restart_failed_env_runners": False,  # a restart would repeat a plugin's error a thousand times
     "log_sys_usage": False,
     "seed": 0,
-    "torch_num_threads": 1,  # more threads collapse on a busy machine
+    "torch_num_threads": 1,  # more threads are very slow on a busy machine
     "env_runner": "batched",
     "learner": "fast",
-    "learner_threads": 2,  # nets that learn side by side; they do not wait for one another
+    "learner_threads": 2,  # networks that are trained in parallel, without waiting for one another
 }
 
 PPO_DEFAULTS: dict[str, Any] = {
@@ -292,14 +292,14 @@ PPO_DEFAULTS: dict[str, Any] = {
 
 ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"PPO": PPO_DEFAULTS}
 
-#: The policy and the value function have nets of their own.
+#: The policy and the value function have separate networks.
 MODEL_DEFAULTS: dict[str, Any] = {
     "fcnet_hiddens": [256, 256],
     "fcnet_activation": "tanh",
     "vf_share_layers": False,
 }
 
-#: Keys that say where and how fast a run computes, not what it learns from; a resumed run may change them.
+#: Keys that affect where and how fast a run computes, but not what it learns; a resumed run may change them.
 PLACE_KEYS = frozenset(
     name
     for name in (*COMMON_KEYS, *OWN_KEYS)

@@ -1,4 +1,4 @@
-"""`keys_of_release`: the names of all keys of RLlib's algorithms, so that a wrong one is found without loading Ray."""
+"""`keys_of_release`: the names of all keys of RLlib's algorithms, to find wrong names without loading Ray."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-#: Written by ``scripts/rllib_keys.py`` from the pinned release of Ray.
+#: File that is written by ``scripts/rllib_keys.py`` from the pinned release of Ray.
 RELEASE = Path(__file__).with_name("rllib_release.json")
 
 
 def keys_of_release(algorithm: str) -> frozenset[str] | None:
     """Return the names of the keys of an algorithm.
 
-    None where another release of Ray is installed than the one of the list: its names are known only when it is loaded.
+    The result is None if another release of Ray than that of the list is installed: its names are known only when it is
+    loaded.
 
     Args:
         algorithm: Name of the algorithm.

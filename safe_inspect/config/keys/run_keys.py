@@ -1,4 +1,4 @@
-"""The keys of `tune_config` and `ray_config`, as plain data; see `keys` for why."""
+"""The keys of `tune_config` and `ray_config`, as plain data; `rllib_keys` gives the reason."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ TUNE_RENAMED: dict[str, str] = {
     "local_dir": "storage_path",
 }
 
-#: Keys that are harmless at one value and cannot be honoured at another.
+#: Keys that have no effect at one value and are not supported at any other.
 TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "restore": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "resume": ((None, "", False), "use `--resume RUN_FOLDER` on the command line"),
     "loggers": (
         (None, [], (), ["csv", "json", "tensorboard"]),
-        "the run folder holds progress.csv, result.json and the TensorBoard log; name others as `callbacks`, such as "
+        "the run folder contains progress.csv, result.json and the TensorBoard log; give others as `callbacks`, as "
         "`{functor: ray.air.integrations.wandb.WandbLoggerCallback, config: {project: inspection}}`",
     ),
     "resources_per_trial": ((None,), "give `num_env_runners`, `num_cpus_for_main_process`, ... in `rllib_configs`"),
@@ -61,18 +61,18 @@ TUNE_DROPPED: dict[str, str] = {
     "verbose": "safe_inspect prints one line for each iteration",
     "progress_reporter": "safe_inspect prints one line for each iteration",
     "log_to_file": "Ray's logs are copied into the run folder when a run fails",
-    "sync_config": "the run folder is on a disk that every node sees",
-    "upload_dir": "the run folder is on a disk that every node sees",
+    "sync_config": "the run folder is on a disk that all nodes share",
+    "upload_dir": "the run folder is on a disk that all nodes share",
     "raise_on_failed_trial": "a failed training is always an error",
     "fail_fast": "a failed training is always an error",
     "queue_trials": "Tune always queues",
     "trial_name_creator": "safe_inspect names the folders",
     "trial_dirname_creator": "safe_inspect names the folders",
-    "export_formats": "checkpoints hold the policy",
-    "server_port": "it has no effect any more",
+    "export_formats": "checkpoints contain the policy",
+    "server_port": "it no longer has an effect",
 }
 
-#: What a training may stop on, and the names of RLlib's old API stack. What only grows has a limit above 0.
+#: Criteria to stop a training, and their names in RLlib's old API stack. Limits of counters are above 0.
 STOP_COUNTS = (
     "training_iteration",
     "num_env_steps_sampled_lifetime",
@@ -125,7 +125,7 @@ RAY_KEYS: dict[str, Key] = {
     "temporary_folder": Key("text", optional=True),
 }
 
-#: What `address` may be.
+#: Valid values of `address`.
 RAY_ADDRESS = re.compile(r"auto|local|(ray://)?([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d+)?")
 
 RAY_DEFAULTS: dict[str, Any] = {
@@ -141,13 +141,13 @@ RAY_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {}
 
 RAY_DROPPED: dict[str, str] = {
     "local_mode": "Ray no longer supports it; `num_env_runners: 0` samples in the learner's process",
-    "ignore_reinit_error": "safe_inspect uses the Ray that its process has already started",
-    "configure_logging": "safe_inspect sets Ray's logs",
-    "redis_max_memory": "it has no effect any more",
-    "_redis_password": "it has no effect any more",
-    "_memory": "it has no effect any more",
-    "webui_host": "it has no effect any more; see `dashboard_host`",
+    "ignore_reinit_error": "safe_inspect uses Ray if its process has already started it",
+    "configure_logging": "safe_inspect configures Ray's logs",
+    "redis_max_memory": "it no longer has an effect",
+    "_redis_password": "it no longer has an effect",
+    "_memory": "it no longer has an effect",
+    "webui_host": "it no longer has an effect; see `dashboard_host`",
 }
 
-#: The figure of an iteration that holds the seconds that the iterations until then have waited for the compiler.
+#: The value of an iteration with the time [s] that this and the earlier iterations have waited for the compiler.
 COMPILING = "compiling_seconds"

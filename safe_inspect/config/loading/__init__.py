@@ -1,1 +1,1 @@
-"""From YAML files to one tree: includes, merges, references, templates."""
+"""Loading of YAML files into one tree: includes, merges, references, templates."""

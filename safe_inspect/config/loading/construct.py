@@ -1,4 +1,4 @@
-"""YAML nodes to located containers: safe types, anchors, merge keys, and the tags ``!include``, ``!include-extend``."""
+"""Conversion of YAML nodes to located containers: safe types, anchors, merge keys and the tags for includes."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ _SCALARS: dict[str, Callable[[Any], Any]] = {
     f"{_STANDARD}binary": _SAFE.construct_yaml_binary,
 }
 
-#: The tag of an item of a list for which the items of a file stand.
+#: The tag of a list's item that is replaced by the items of a file.
 _EXTEND = "!include-extend"
 
 _KINDS = {"int": "whole number", "float": "number", "bool": "truth value", "timestamp": "date"}
 
 
 class Constructor:
-    """Builds the tree of one document and collects its mistakes.
+    """Builder of one document's tree, which collects the mistakes.
 
     Args:
-        place: Gives the location of a mark.
-        include: Gives the tree of an included file, from its name and the location of the tag.
-        problems: Takes the mistakes; a value that is wrong becomes None.
+        place: Function from a mark to its location.
+        include: Function from the name of an included file and the location of the tag to the file's tree.
+        problems: List to which mistakes are added; a wrong value becomes None.
     """
 
     def __init__(
@@ -57,15 +57,15 @@ class Constructor:
         try:
             return self.build(root)
         except RecursionError:
-            return self._wrong(root, "the values are nested too deeply", "put a part of them into a file of its own")
+            return self._wrong(root, "the values are nested too deeply", "put a part of them into a separate file")
 
     def build(self, node: Any) -> Any:
-        """Return what a node stands for; an alias gives the very object of its anchor."""
+        """Return the value of a node; an alias returns the same object as its anchor."""
         known = id(node)
         if known in self._built:
             return self._built[known]
         if known in self._open:
-            return self._wrong(node, "an alias inside this value stands for the value itself", "write it out")
+            return self._wrong(node, "an alias inside this value refers to the value itself", "write it out")
         self._open.add(known)
         value = self._construct(node)
         self._open.discard(known)
@@ -89,15 +89,15 @@ class Constructor:
             return self._sequence(node)
         if tag in ("!include", _EXTEND):
             if tag == _EXTEND and isinstance(node, yaml.ScalarNode):
-                return self._wrong(node, f"`{_EXTEND}` stands for items of a list", "write it as an item of a list")
+                return self._wrong(node, f"`{_EXTEND}` can only be an item of a list", "write it as an item of a list")
             return self._wrong(node, f"`{tag}` takes the name of one file", f"write `{tag} FILE`")
         shown = tag.replace(_STANDARD, "!!")
         if shown in ("!!map", "!!seq") or tag in _SCALARS:
-            return self._wrong(node, f"the tag `{shown}` does not fit what follows it", "remove it")
+            return self._wrong(node, f"the tag `{shown}` is not valid for the value after it", "remove it")
         return self._wrong(
             node,
-            f"the tag `{shown}` is not known",
-            "the tags are `!include FILE`, in lists `!include-extend FILE`, and in what is merged `!remove`",
+            f"unknown tag `{shown}`",
+            "the tags are `!include FILE`, in lists `!include-extend FILE`, and in merged mappings `!remove`",
         )
 
     def _sequence(self, node: Any) -> LocatedList:
@@ -110,7 +110,7 @@ class Constructor:
                     marks |= {len(items) + index: mark for index, mark in more.marks.items()}
                     items += more
                 elif more is not None or not item.value.strip():
-                    self._wrong(item, f"`{_EXTEND}` takes a file that holds a list", "use `!include` for any other")
+                    self._wrong(item, f"`{_EXTEND}` needs a file that contains a list", "use `!include` for any other")
             else:
                 marks[len(items)] = self._place(item.start_mark)
                 items.append(self.build(item))
@@ -121,12 +121,12 @@ class Constructor:
             value = _SCALARS[node.tag](node)
             if isinstance(value, int | float) and OTHER_BASE.fullmatch(node.value):
                 return self._wrong(
-                    node, f"YAML reads `{node.value}` as {value}", f"write {value} if that is meant, or quote a text"
+                    node, f"YAML reads `{node.value}` as {value}", f"write {value} if that is intended, or quote it"
                 )
             return value
         except (ValueError, KeyError, OverflowError, yaml.YAMLError):
             kind = _KINDS.get(node.tag.removeprefix(_STANDARD), "value of that tag")
-            return self._wrong(node, f"{node.value!r} is no {kind}", "quote it if it is a text")
+            return self._wrong(node, f"{node.value!r} is not a valid {kind}", "quote it if it is a string")
 
     def _mapping(self, node: Any) -> LocatedDict:
         tree = LocatedDict(location=self._place(node.start_mark))
@@ -140,10 +140,10 @@ class Constructor:
             try:
                 first = lines.setdefault(key, place.line)
             except TypeError:
-                self._wrong(key_node, "a list or a mapping cannot be a key", "quote it if it is a text")
+                self._wrong(key_node, "a list or a mapping cannot be a key", "quote it if it is a string")
                 continue
             if key in tree or (merging and merged):
-                hint = f"the first stands in line {first}; remove one of them"
+                hint = f"the first is in line {first}; remove one of them"
                 self._wrong(key_node, f"the key `{key}` is given twice", hint)
             elif merging:
                 merged = self._sources(value_node, value)
@@ -160,8 +160,8 @@ class Constructor:
     def _sources(self, node: Any, value: Any) -> list[LocatedDict]:
         sources = list(value) if isinstance(value, LocatedList) else [value]
         if not all(isinstance(source, LocatedDict) for source in sources):
-            if value is not None:  # None is a mistake that was reported, or a null
-                self._wrong(node, "`<<` merges a mapping or a list of mappings", "give it an alias `*name` of one")
+            if value is not None:  # None is a null, or a mistake that was already reported
+                self._wrong(node, "`<<` needs a mapping or a list of mappings", "give it an alias `*name` of one")
             return []
         return sources
 

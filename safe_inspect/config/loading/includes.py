@@ -1,4 +1,4 @@
-"""Where an included file is looked for, and what to say when it is nowhere."""
+"""Paths at which an included file is searched, and hints for files that are not found."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from safe_inspect.config.data import configs_root
 
 
 def places(name: str, including: Path | None, outermost: Path | None) -> list[Path]:
-    """Return the paths that the name of an included file can stand for, in the order they are tried.
+    """Return the paths that the name of an included file can refer to, in the order in which they are tried.
 
     Args:
-        name: The name as it is written.
-        including: The file that includes it; None on a command line.
-        outermost: The file that was loaded first.
+        name: The name as written.
+        including: The file that includes it; None for the command line.
+        outermost: The file whose loading started the includes.
     """
     path = Path(name)
     if path.is_absolute():
@@ -39,9 +39,9 @@ def _repository(file: Path) -> Iterator[Path]:
 
 
 def hint(name: str, tried: list[Path], including: Path | None) -> str:
-    """Return what to write instead of the name of a file that is nowhere; empty when nothing is near."""
+    """Return a suggestion for the name of a file that was not found; empty if no name is similar."""
     if including is not None and not name.startswith(".") and (including.parent / name).is_file():
-        return f"to include the file beside this one, write `./{name}`"
+        return f"to include the file next to this one, write `./{name}`"
     for place in tried:
         near = _near(place)
         if near is not None:
@@ -56,7 +56,7 @@ def hint(name: str, tried: list[Path], including: Path | None) -> str:
 
 
 def _near(place: Path) -> Path | None:
-    """Return the existing file or folder whose name is nearest to the first part of the path that does not exist."""
+    """Return the existing file or folder whose name is most similar to the first missing part of the path."""
     missing = place
     while not missing.parent.is_dir():
         if missing.parent == missing:
@@ -72,6 +72,6 @@ def _near(place: Path) -> Path | None:
 
 
 def display_path(path: Path) -> str:
-    """Return a path as messages print it: from the working directory where it lies below it."""
+    """Return a path as messages print it: relative to the working directory if it is inside it."""
     below = path.is_relative_to(Path.cwd())
     return (path.relative_to(Path.cwd()) if below else path).as_posix()

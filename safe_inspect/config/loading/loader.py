@@ -1,10 +1,10 @@
-"""The configuration loader: YAML files to a tree that knows where each key stands.
+"""The configuration loader, which converts YAML files to a tree with the location of each key.
 
-The language is YAML 1.1 with safe types; no tag evaluates code. It has three tags
-of its own. ``!include FILE``: ``./FILE`` lies beside the including file; any other
-name is looked for from the working directory, from the folder above the
-including file that contains ``configs``, and in the package's own configurations.
-``!include-extend FILE``, an item of a list, stands for the items of the list in
+The language is YAML 1.1 with safe types; no tag evaluates code. There are three
+additional tags. ``!include FILE`` is replaced by the contents of the file: ``./FILE`` is next to
+the including file; any other name is searched in the working directory, in the folder above
+the including file that contains ``configs``, and in the package's own configurations.
+``!include-extend FILE``, an item of a list, is replaced by the items of the list in
 that file. ``key: !remove`` in a mapping that is merged removes the key of an earlier one.
 """
 
@@ -24,16 +24,16 @@ from safe_inspect.plugins.registry import import_user_module
 
 COMMAND_LINE = "command line"
 
-#: The largest file that is parsed [bytes], and the most values that a tree may stand for, aliases and includes counted
-#: each time that they are used. The shipped experiments are files of some kilobytes and 500 to 2,000 values.
+#: The largest file that is parsed [bytes], and the largest number of values in a tree, where aliases and includes count
+#: every time they are used. The shipped experiments are files of a few kilobytes and have 500 to 2,000 values.
 MAX_BYTES, MAX_VALUES = 1_000_000, 200_000
 
 
 def load(path: str | os.PathLike[str]) -> Any:
-    """Load a configuration file with everything that it includes.
+    """Load a configuration file and everything that it includes.
 
-    A name that begins with ``configs/`` and is not in the working directory is
-    taken from the package's own configurations.
+    A name that starts with ``configs/`` and is not in the working directory is
+    searched in the package's own configurations.
 
     Returns:
         The tree: `LocatedDict`, `LocatedList` and plain values.
@@ -42,18 +42,18 @@ def load(path: str | os.PathLike[str]) -> Any:
         ConfigError: With all mistakes of all files, each with its file and line.
     """
     if not isinstance(path, str | os.PathLike):
-        raise ConfigError(Problem(f"a configuration is the path of a file, not {path!r:.60}"))
+        raise ConfigError(Problem(f"a configuration must be the path of a file, not {path!r:.60}"))
     return _finish(loading := _Loading(), loading.include(os.fspath(path), None))
 
 
 def load_if_path(value: Any, location: Location | None = None) -> Any:
-    """Load the file that a text names, if the value is a text that ends in ``.yml`` or ``.yaml``.
+    """Load the file that a value names, if the value is a string that ends with ``.yml`` or ``.yaml``.
 
-    Published configurations of the peer write a plain path where ``!include`` is meant.
+    Published configurations of safe-autonomy-sims contain plain paths in place of ``!include``.
 
     Args:
-        value: Any value; what names no file is returned as it is.
-        location: Where the value stands, for ``./`` and for messages.
+        value: Any value; it is returned unchanged if it does not name a file.
+        location: Location of the value, for ``./`` and for messages.
 
     Raises:
         ConfigError: As for `load`.
@@ -64,7 +64,7 @@ def load_if_path(value: Any, location: Location | None = None) -> Any:
 
 
 def parse(text: str, location: Location) -> Any:
-    """Parse YAML that stands in no file, such as a value of the command line; all of it is at that location.
+    """Parse YAML that is not in a file, such as a value on the command line; all of it gets the given location.
 
     Raises:
         ConfigError: As for `load`.
@@ -79,10 +79,10 @@ def parse(text: str, location: Location) -> Any:
 
 
 def import_plugins(tree: Any, where: KeyPath) -> None:
-    """Import the modules of the list at a path of a tree; the peer's own are this package's already.
+    """Import the modules in the list at a path of a tree, except those of safe-autonomy-sims, which are built in.
 
     Raises:
-        ConfigError: With every module that is missing or cannot be imported.
+        ConfigError: Modules are missing or cannot be imported; all are listed.
     """
     paths: Any = tree
     for key in where:
@@ -105,7 +105,7 @@ def _finish(loading: _Loading, tree: Any) -> Any:
         raise ConfigError(loading.problems)
     count = _count(tree, {})
     if count > MAX_VALUES:
-        message = f"with its aliases and includes it stands for {count:.3g} values; at most {MAX_VALUES:,} are read"
+        message = f"with its aliases and includes it has {count:.3g} values; at most {MAX_VALUES:,} are allowed"
         raise ConfigError(
             Problem(message, location=locate(tree, ()), hint="use fewer aliases, or a template (`count`)")
         )
@@ -113,7 +113,7 @@ def _finish(loading: _Loading, tree: Any) -> Any:
 
 
 def _count(tree: Any, known: dict[int, int]) -> int:
-    """Return how many values a tree stands for, written out; each shared container is walked once."""
+    """Return the number of values of a tree with all aliases expanded; each shared container is visited once."""
     if not isinstance(tree, (dict, list)):
         return 1
     if id(tree) not in known:
@@ -122,7 +122,7 @@ def _count(tree: Any, known: dict[int, int]) -> int:
 
 
 def _open_at_once(path: str, flags: int) -> int:
-    """Open a file for reading; a named pipe that nobody writes to is empty, instead of waiting for a writer."""
+    """Open a file for reading; a named pipe without a writer is read as empty instead of waiting for one."""
     descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if hasattr(os, "O_NONBLOCK"):
         os.set_blocking(descriptor, True)
@@ -130,7 +130,7 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 class _Loading:
-    """One call of the loader: every file is read once, and all mistakes are collected."""
+    """State of one call of the loader: every file is read once, and all mistakes are collected."""
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
@@ -138,7 +138,7 @@ class _Loading:
         self._chain: list[Path] = []
 
     def include(self, name: str, location: Location | None) -> Any:
-        """Return the tree of a file, None when a mistake was found."""
+        """Return the tree of a file, or None if there was a mistake."""
         including = Path(os.path.abspath(location.file)) if location is not None and location.line else None
         outermost = self._chain[0] if self._chain else including
         tried = places(name, including, outermost)
@@ -146,11 +146,11 @@ class _Loading:
         if path is None:
             what = "no file" if location is None else "the included file does not exist:"
             looked = ", ".join(display_path(place) for place in tried)
-            return self._wrong(f"{what} {name!r} (looked for {looked})", location, hint(name, tried, including))
+            return self._wrong(f"{what} {name!r} (searched: {looked})", location, hint(name, tried, including))
         if path in self._chain:
             chain = [*self._chain[self._chain.index(path) :], path]
             arrows = " -> ".join(display_path(file) for file in chain)
-            return self._wrong(f"the files include each other in a circle: {arrows}", location, "remove one `!include`")
+            return self._wrong(f"circular `!include`: {arrows}", location, "remove one `!include`")
         if path not in self._trees:
             self._chain.append(path)
             try:
@@ -169,10 +169,10 @@ class _Loading:
             with open(path, "rb", opener=_open_at_once) as stream:
                 data = stream.read(MAX_BYTES + 1)
         except OSError as error:
-            link = f", a link to {os.readlink(path)!r}" if path.is_symlink() else ""
+            link = f", a symbolic link to {os.readlink(path)!r}" if path.is_symlink() else ""
             return self._wrong(f"cannot read {file!r}{link}: {error.strerror or error}", location, "")
         if len(data) > MAX_BYTES:
-            hint = "is it a configuration? If so, split it and `!include` the parts"
+            hint = "if it is a configuration, split it and `!include` the parts"
             return self._wrong(f"{file!r} is larger than {MAX_BYTES / 1e6:g} MB", location, hint)
         try:
             node = compose(decode(data, file), file)
@@ -180,7 +180,7 @@ class _Loading:
             self.problems += error.problems
             return None
         if node is None:
-            return self._wrong("the file is empty", Location(file, 1), "write a mapping into it, `{}` for none")
+            return self._wrong("the file is empty", Location(file, 1), "write a mapping, or `{}` for an empty one")
 
         def place(mark: Any) -> Location:
             return Location(file, mark.line + 1, mark.column + 1)

@@ -1,8 +1,8 @@
-"""Containers that remember where each of their keys and items stands in the configuration files.
+"""Containers that store the location of each of their keys and items in the configuration files.
 
-They are dicts and lists in every other respect. What transforms a configuration
-makes new ones: a mark belongs to a key or an index, and a list that is changed in
-place would leave its marks behind.
+They are dicts and lists in all other respects. Code that transforms a configuration
+creates new containers: a location belongs to a key or an index, and a list that is changed
+in place would get wrong locations.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any, Self
 
 from safe_inspect.errors import Location
 
-#: Keys and indices that lead to a place of a tree.
+#: Path of a value in a tree: keys and indices.
 KeyPath = Sequence[Any]
 
 
 class _Located:
-    """What the two containers have in common."""
+    """Common base of the two containers."""
 
     location: Location | None
     marks: dict[Any, Location]
@@ -31,7 +31,7 @@ class _Located:
         self.marks = dict(marks or {})
 
     def copy(self) -> Self:
-        """Return a shallow copy with the same marks."""
+        """Return a shallow copy with the same locations."""
         return type(self)(self, self.marks, self.location)  # type: ignore[arg-type]
 
     __copy__ = copy
@@ -42,11 +42,11 @@ class _Located:
 
 
 class LocatedDict(_Located, dict[Any, Any]):
-    """A dict with the place of itself and of each key.
+    """A dict with its own location and that of each key.
 
     Attributes:
         location: Where the mapping begins.
-        marks: Where each key stands.
+        marks: Location of each key.
     """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> LocatedDict:
@@ -56,11 +56,11 @@ class LocatedDict(_Located, dict[Any, Any]):
 
 
 class LocatedList(_Located, list[Any]):
-    """A list with the place of itself and of each item.
+    """A list with its own location and that of each item.
 
     Attributes:
         location: Where the list begins.
-        marks: Where each item stands, by index.
+        marks: Location of each item, by index.
     """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> LocatedList:
@@ -70,7 +70,7 @@ class LocatedList(_Located, list[Any]):
 
 
 class Removal:
-    """What ``!remove`` stands for: a merge leaves the key out that an earlier mapping has."""
+    """The value of ``!remove``: a merge removes the key from the result."""
 
     def __repr__(self) -> str:
         return "`!remove`, which removes a key of an earlier mapping of a merged list"
@@ -79,9 +79,9 @@ class Removal:
 def locate(tree: Any, path: KeyPath) -> Location | None:
     """Return the deepest known location on the path.
 
-    The path is followed as far as it exists. A key is where it is written; a
-    container that comes from another file than its key (by an include) is where
-    it begins in its own file, because there it can be mended.
+    The path is followed as far as it exists. The location of a key is where it is written, except
+    for a container that an include reads from another file: its location is where it begins
+    in that file, because that is the place to correct.
     """
     found: Location | None = getattr(tree, "location", None)
     for key in path:
@@ -104,7 +104,7 @@ def has(tree: Any, key: Any) -> bool:
 
 
 def plain(tree: Any) -> Any:
-    """Return the tree as plain dicts and lists, as writers of YAML and JSON want it."""
+    """Return the tree as plain dicts and lists, for writers of YAML and JSON."""
     if isinstance(tree, Mapping):
         return {key: plain(value) for key, value in tree.items()}
     if isinstance(tree, list):

@@ -1,4 +1,4 @@
-"""Deep merge of mappings: a variant is a base and what differs from it."""
+"""Deep merge of mappings: a variant is a base plus the differences from it."""
 
 from __future__ import annotations
 
@@ -8,34 +8,32 @@ from typing import Any
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, locate
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
-#: What a key ends in whose list is appended.
+#: Suffix of a key whose list is appended.
 APPEND = "+"
-#: The keys that hold the class of a list's item, or what it controls or reads; the last part of a dotted name counts.
+#: The keys with the class of a list's item, or its controller or sensor; of a dotted name the last part counts.
 _CLASS_KEYS = ("functor", "type", "part", "controller", "sensor")
 
 
 def merge(items: Any) -> LocatedDict:
-    """Merge a list of mappings from left to right; a single mapping is itself.
+    """Merge a list of mappings from left to right; a single mapping is returned as it is.
 
     An item that is a list itself, such as an included file, is merged first. An empty item, such as an anchor without a
-    value, adds nothing.
-    Mappings merge key by key to any depth; of everything else, lists included,
-    the later value wins. A key that ends in ``+`` appends its list to the list
-    of the key without it: ``rewards+`` adds to ``rewards``. A mapping over a list of
-    named items merges into the items whose names its keys are: their own ``name``, or their class, controller or
-    sensor. The value ``!remove`` leaves a key or an item out. Marks follow the
-    winning value. Nothing is changed in place.
+    value, is ignored. Mappings are merged key by key to any depth; for all other values, including lists, the later
+    value replaces the earlier one. A key with the suffix ``+`` appends its list to the list of the key without it:
+    ``rewards+`` adds to ``rewards``. A mapping over a list of named items is merged into the items that its keys name,
+    by ``name``, class, controller or sensor. The value ``!remove`` removes a key or an item. Locations are those of the
+    values in the result. Nothing is changed in place.
 
     Raises:
-        ConfigError: An item is no mapping, a list is appended to something else, or a key is the name of no item.
+        ConfigError: An item is not a mapping, a list is appended to something else, or a key matches no item.
     """
     if isinstance(items, Mapping):
         return _located(items)
     if not isinstance(items, (list, tuple)):
         location = locate(items, ())
-        raise ConfigError(Problem(f"a mapping or a list of mappings is wanted here, got {items!r}", location=location))
+        raise ConfigError(Problem(f"expected a mapping or a list of mappings, got {items!r}", location=location))
     problems = [
-        Problem(f"item {index} of a list to be merged is no mapping but {item!r}", location=locate(items, (index,)))
+        Problem(f"item {index} of a merged list must be a mapping, not {item!r}", location=locate(items, (index,)))
         for index, item in enumerate(items)
         if item is not None and not isinstance(item, (Mapping, list, tuple))
     ]
@@ -66,14 +64,14 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
             del merged[key]
             continue
         merged[key] = _over(merged.get(key), value)
-        merged.marks.pop(key, None)  # the newest comes last
+        merged.marks.pop(key, None)  # so that the newest key comes last
         if key in marks:
             merged.marks[key] = marks[key]
     return merged
 
 
 def _over(old: Any, value: Any) -> Any:
-    """Return what a value makes of an older one."""
+    """Return the result of a value that overrides an older one."""
     if isinstance(value, Mapping) and isinstance(old, Mapping):
         return _pair(old, value)
     if isinstance(value, Mapping) and isinstance(old, list) and old and all(names_of(item) for item in old):
@@ -84,13 +82,13 @@ def _over(old: Any, value: Any) -> Any:
 
 
 def _with_item(items: list[Any], name: str, value: Any, location: Location | None) -> LocatedList:
-    """Return a list of named items with a value over the one of a name, or without it."""
+    """Return a list of named items in which a value overrides or removes the item of a name."""
     found = items_named(items, name)
     if len(found) != 1:
         known = {other for item in items for other in names_of(item)}
-        text, hint = f"no item of the list is named {name!r}", did_you_mean(name, known)
+        text, hint = f"the list has no item named {name!r}", did_you_mean(name, known)
         if found:
-            text, hint = f"{len(found)} items of the list are named {name!r}", "give them names of their own"
+            text, hint = f"{len(found)} items of the list are named {name!r}", "give them unique names"
         raise ConfigError(Problem(text, location=location, hint=hint))
     marks: dict[int, Location] = {}
     made: list[Any] = []
@@ -103,7 +101,7 @@ def _with_item(items: list[Any], name: str, value: Any, location: Location | Non
 
 
 def items_named(items: list[Any], name: str) -> list[int]:
-    """Return the indices of the items of a list that a name fits: one that a user gave, else that of a class."""
+    """Return the indices of the items with a name: a name from the user, otherwise that of a class."""
     given = [index for index, item in enumerate(items) if name in _given_names(item)]
     return given or [index for index, item in enumerate(items) if name in _class_names(item)]
 
@@ -121,7 +119,7 @@ def _given_names(item: Any) -> list[str]:
 
 
 def _class_names(item: Any) -> list[str]:
-    """Return the names of an item's class, and of the controller or sensor that it is about."""
+    """Return the names of an item's class, and of its controller or sensor."""
     texts = [source[key] for source in _sources(item) for key in _CLASS_KEYS if key in source]
     return [text.rpartition(".")[2] for text in texts if isinstance(text, str)]
 
@@ -134,13 +132,13 @@ def _sources(item: Any) -> list[Mapping[Any, Any]]:
 
 
 def _append(merged: LocatedDict, key: str, items: Any, location: Location | None) -> None:
-    """Append a list to the one under a key."""
+    """Append a list to the one of a key."""
     base = merged.get(key)
-    for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it adds,")):
+    for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it appends,")):
         if not isinstance(value, list):
             lists = [name for name, old in merged.items() if isinstance(old, list)]
             hint = "" if key in merged else did_you_mean(key, lists)
-            raise ConfigError(Problem(f"{what} is no list but {value!r}", key + APPEND, location, hint))
+            raise ConfigError(Problem(f"{what} must be a list, not {value!r}", key + APPEND, location, hint))
     assert isinstance(base, list)
     marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
     marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}

@@ -1,4 +1,4 @@
-"""References of an agent configuration: values that are written once, in its `reference_store`, and used by name."""
+"""References of an agent's configuration: named values that are written once, in its `reference_store`."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ REFERENCES = "references"
 
 
 def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
-    """Put the value of the store in place of every reference to it.
+    """Replace every reference by its value in the store.
 
-    A mapping with ``references: {field: key}`` gets ``config[field] = store[key]``
-    and loses ``references``. The store is the ``reference_store`` of the nearest
-    mapping around it. An error about such a value points at the reference.
+    A mapping with ``references: {field: key}`` gets ``config[field] = store[key]``, and its
+    ``references`` are removed. The store is the ``reference_store`` of the nearest
+    mapping around it. An error about such a value has the location of the reference.
 
     Args:
         tree: A loaded configuration.
-        problems: Takes the mistakes, so that a caller can report them with others; they are raised unless given.
+        problems: List to which mistakes are added, to be reported with others. Default: an error is raised.
 
     Returns:
-        A new tree; the given one is not changed. A wrong reference leaves its field out.
+        A new tree; the given one is not changed. A field with a wrong reference is left out.
 
     Raises:
-        ConfigError: With every reference to nothing, and every field that ``config`` gives as well.
+        ConfigError: References have no target, or fields are also in ``config``; all are listed.
     """
     found: list[Problem] = []
     expanded = _expand(tree, None, (), found, tree)
@@ -69,14 +69,14 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
     if references is None:
         return
     if not isinstance(references, Mapping):
-        wrong((REFERENCES,), f"a mapping of fields to keys of the `{STORE}` is wanted here, got {references!r}")
+        wrong((REFERENCES,), f"expected a mapping of fields to keys of the `{STORE}`, got {references!r}")
         return
     if not isinstance(store, Mapping):
         wrong((REFERENCES,), f"there is no `{STORE}` to refer to", f"add a mapping `{STORE}` to the agent's `config`")
         return
     given = functor.get("config")
     if given is not None and not isinstance(given, Mapping):
-        wrong(("config",), f"a mapping of fields is wanted here, got {given!r}")
+        wrong(("config",), f"expected a mapping of fields, got {given!r}")
         return
     if given is None:
         config = LocatedDict(location=mark)
@@ -86,11 +86,11 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
         where = (REFERENCES, field)
         if field in config:
             line = locate(root, (*path, "config", field))
-            also = f"`{field}` is given in `config` too" + (f" ({line})" if line else "")
+            also = f"`{field}` is also in `config`" + (f" ({line})" if line else "")
             wrong(where, also, "remove one of them")
         elif not isinstance(key, str):
-            hint = f"give a value of its own in `config.{field}`"
-            wrong(where, f"a key of the `{STORE}` is wanted here, got {key!r}", hint)
+            hint = f"put the value itself into `config.{field}`"
+            wrong(where, f"expected a key of the `{STORE}`, got {key!r}", hint)
         elif key not in store:
             wrong(where, f"the `{STORE}` has no key `{key}`", did_you_mean(key, store))
         else:
@@ -104,7 +104,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
 
 
 def _value(stored: Any, place: Location | None) -> Any:
-    """Return what a stored value means; a constant parameter of the peer's is its value, with any units."""
+    """Return the meaning of a stored value; a constant parameter of safe-autonomy-sims becomes its value with units."""
     if isinstance(stored, Mapping) and _is_constant(stored.get("type")):
         config = stored.get("config")
         if isinstance(config, Mapping) and "value" in config:
@@ -122,7 +122,7 @@ def _is_constant(name: Any) -> bool:
 
 
 def _is_pure(value: Any, units: Any) -> bool:
-    """Return whether a value stands for itself: it is no number, or one without a dimension."""
+    """Return whether a value has no unit: it is not a number, or a dimensionless one."""
     if units is None or isinstance(value, bool) or not isinstance(value, (int, float)):
         return True
     try:

@@ -1,4 +1,4 @@
-"""YAML text to nodes with marks, and the parser's complaints in plain words."""
+"""Parsing of YAML text to nodes with marks, with the parser's errors explained in plain words."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ import yaml
 
 from safe_inspect.errors import ConfigError, Location, Problem
 
-#: Numbers such as ``1e-3`` and ``5e-05``, which YAML 1.1 takes for text because they lack the point or the sign.
+#: Numbers such as ``1e-3`` and ``5e-05``, which are strings in YAML 1.1 because they lack the point or the sign.
 FLOAT = re.compile(r"[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$")
 
-#: How deeply values may be nested.
+#: Largest depth of nested values.
 _DEPTH = 200
-#: Whole numbers and numbers that YAML 1.1 reads in another base than they are meant in: ``1:30`` in base 60, ``0600``.
+#: Numbers that YAML 1.1 reads in another base than probably intended: ``1:30`` in base 60, ``0600``.
 OTHER_BASE = re.compile(r"[-+]?(?:[0-9][0-9_]*:.*|0[0-7_]*[1-7][0-7_]*)")
 
 _Parser: Any = type("_Parser", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
 _Parser.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
-#: What the parser says (a part of it), and what it comes to.
+#: A part of the parser's message, and its explanation.
 _PLAIN_WORDS = (
-    ("mapping values are not allowed", "a `:` where no key can be; is the line indented wrongly, or a text unquoted?"),
-    ("that cannot start any token", "nothing in YAML begins with this character; quote the text"),
+    ("mapping values are not allowed", "a `:` where no key can be; is the line indented wrongly, or a quote missing?"),
+    ("that cannot start any token", "nothing in YAML begins with this character; quote the string"),
     ("expected ',' or '}'", "the braces `{` are not closed before here, or a comma is missing"),
     ("expected ',' or ']'", "the brackets `[` are not closed before here, or a comma is missing"),
-    ("unexpected end of stream", "a quote is opened and never closed"),
+    ("unexpected end of stream", "a quote is opened but not closed"),
     ("could not find expected ':'", "a key without a `:` after it"),
-    ("undefined alias", "an alias `*` of an anchor `&` that this file does not have before here"),
-    ("duplicate anchor", "an anchor `&` that this file has already"),
-    ("another document", "a second document begins here; a file holds one"),
+    ("undefined alias", "an alias `*` without an anchor `&` before it in this file"),
+    ("duplicate anchor", "an anchor `&` that is already defined in this file"),
+    ("another document", "a second document begins here; a file must contain only one"),
     ("expected the node content", "a value is missing here"),
     ("did not find expected node content", "a value is missing here"),
     ("did not find expected key", "no key where one must be; is the line indented wrongly?"),
     ("did not find expected '-' indicator", "no `-` where an item of the list must be; is the line indented wrongly?"),
     ("expected <block end>", "no key or item where one must be; is the line indented wrongly?"),
-    ("document start>", "the text goes on after its end; is a bracket closed too early?"),
-    ("undefined tag handle", "a tag that is not known; the tags are `!include FILE` and, in lists, `!include-extend`"),
+    ("document start>", "there is text after the end of the document; is a bracket closed too early?"),
+    ("undefined tag handle", "an unknown tag; the tags are `!include FILE` and, in lists, `!include-extend`"),
 )  # fmt: skip
 
 
@@ -65,10 +65,10 @@ def compose(text: str, file: str) -> Any:
 
 
 def _check_depth(text: str, file: str) -> None:
-    """Refuse brackets in brackets without end, which the parser's time grows with the square of.
+    """Raise ConfigError for deeply nested brackets, for which the parsing time grows with the square of the depth.
 
     Raises:
-        ConfigError: They are nested too deeply.
+        ConfigError: The brackets are nested too deeply.
     """
     if text.count("[") + text.count("{") <= _DEPTH:
         return
@@ -78,7 +78,7 @@ def _check_depth(text: str, file: str) -> None:
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEPTH:
                 where = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
-                hint = "put a part of them into a file of its own"
+                hint = "put a part of them into a separate file"
                 raise ConfigError(Problem("the values are nested too deeply", location=where, hint=hint))
     except yaml.YAMLError:
         return  # which is reported when the text is read
@@ -107,9 +107,9 @@ def _problem(error: Any, text: str, file: str) -> Problem:
     lines = text.splitlines()
     rest = lines[mark.line][mark.column :] if mark.line < len(lines) else ""
     if rest.startswith("\t"):
-        words = "a tab stands here; indent with spaces"
+        words = "there is a tab here; indent with spaces"
     if opened and (not rest.strip() or "simple key" in said):
-        mark, opened = opened, mark  # the end of the file tells less than what is not closed there
+        mark, opened = opened, mark  # the unclosed start is a better location than the end of the file
     also = (
         f", see line {opened.line + 1} too" if opened and opened.line != mark.line and opened.line < len(lines) else ""
     )

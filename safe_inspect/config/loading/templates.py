@@ -1,10 +1,10 @@
-"""Templates: one entry with a `count` stands for several equal agents, and ``#`` in a name for the number of each.
+"""Templates: one entry with a `count` defines several equal agents; ``#`` in a name is replaced by the number of each.
 
     agent_config:
       - {name: "blue#_ctrl", count: 3, platforms: ["blue#"], config: ..., policy: ...}
 
-stands for ``blue0_ctrl`` on ``blue0``, ``blue1_ctrl`` on ``blue1`` and ``blue2_ctrl`` on ``blue2``. An entry of
-`platform_config` with ``#`` in its name stands for every platform that such agents control.
+defines ``blue0_ctrl`` on ``blue0``, ``blue1_ctrl`` on ``blue1`` and ``blue2_ctrl`` on ``blue2``. An entry of
+`platform_config` with ``#`` in its name defines all platforms that such agents control.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import Any
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text
 from safe_inspect.errors import Problem, did_you_mean
 
-#: What stands for the number in a name.
+#: Placeholder of the number in a name.
 NUMBER = "#"
 #: The largest number of deputies in one environment.
 MAX_COUNT = 100
 
 
 def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
-    """Return the experiment with every template written out.
+    """Return the experiment with all templates expanded.
 
     Args:
         tree: A loaded experiment; it is not changed.
-        problems: Takes the mistakes.
+        problems: List to which mistakes are added.
     """
     agents, platforms = tree.get("agent_config"), tree.get("platform_config")
     if not isinstance(agents, list) or not isinstance(platforms, list):
@@ -57,12 +57,12 @@ def _agent(
 
     count = entry.get("count", 1)
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_COUNT:
-        wrong("count", f"wants a whole number from 1 to {MAX_COUNT}, got {count!r}")
+        wrong("count", f"expected a whole number from 1 to {MAX_COUNT}, got {count!r}")
         count = 1
     platforms = entry.get("platforms")
     names = [entry.get("name"), *(platforms if isinstance(platforms, list) else ())]
     if count > 1 and not all(isinstance(name, str) and NUMBER in name for name in names):
-        wrong("count", f"{count} agents need names and platforms of their own; write `{NUMBER}` for the number in them")
+        wrong("count", f"{count} agents need unique names and platforms; write `{NUMBER}` for the number in them")
         count = 1
     for name in names[1:]:
         if isinstance(name, str) and NUMBER in name:
@@ -87,7 +87,7 @@ def _platform(
         path = (*where, "name")
         hint = f"name it under `platforms` of an agent with `{NUMBER}` in its name"
         hint = did_you_mean(name, counts) if counts else hint
-        problems.append(Problem(f"no agent controls platforms {name!r}", path_text(path), locate(tree, path), hint))
+        problems.append(Problem(f"no agent controls the platforms {name!r}", path_text(path), locate(tree, path), hint))
     for number in range(counts.get(name, 1)):
         yield _numbered(entry, number)
 

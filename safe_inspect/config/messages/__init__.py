@@ -1,1 +1,1 @@
-"""Messages about mistakes, and the JSON schemas of the files."""
+"""Messages about mistakes in configurations, and the JSON schemas of the files."""

@@ -1,4 +1,4 @@
-"""Pydantic's messages in plain words: what is wanted and what is there instead."""
+"""Pydantic's messages in plain words: the expected value and the actual one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import did_you_mean
 
-#: What a value should be, by the type of the error; the names in braces are the error's own.
+#: Expected value by type of error; the names in braces are those of the error's context.
 _WANTED = {
     "int_type": "a whole number",
     "int_parsing": "a whole number",
@@ -20,7 +20,7 @@ _WANTED = {
     "finite_number": "a finite number",
     "bool_type": "`true` or `false`",
     "bool_parsing": "`true` or `false`",
-    "string_type": "a text",
+    "string_type": "a string",
     "none_required": "nothing (`null`)",
     "list_type": "a list",
     "tuple_type": "a list",
@@ -38,37 +38,37 @@ _WANTED = {
     "multiple_of": "a multiple of {multiple_of}",
     "too_short": "at least {min_length} items",
     "too_long": "at most {max_length} items",
-    "string_too_short": "a text of at least {min_length} characters",
-    "string_too_long": "a text of at most {max_length} characters",
+    "string_too_short": "a string of at least {min_length} characters",
+    "string_too_long": "a string of at most {max_length} characters",
     "string_pattern_mismatch": "{pattern}",
     "literal_error": "{expected}",
     "enum": "{expected}",
     "union_tag_invalid": "one of {expected_tags} as {discriminator}",
 }
 
-#: What a text should be, by the pattern of its field.
+#: Expected string by the pattern of its field.
 _PATTERNS = {
     r"^[^/\s]+$": "a name without spaces and slashes",
     r"^[\w.-]+$": "a name of letters, digits, `_`, `.` and `-`",
-    r"\S|^$": "a text that is not blank",
+    r"\S|^$": "a string that is not blank",
     "^(quick|normal|thorough)$": "quick, normal or thorough",
 }
 
-#: Errors that say that a value is of another kind altogether, so that a union's other members may fit better.
+#: Suffixes of errors about a value of another type, which may match another member of a union.
 _OTHER_KIND = ("_type", "_parsing", "_required", "int_from_float", "literal_error", "enum")
 
 
 def is_of_other_kind(error: Mapping[str, Any]) -> bool:
-    """Return whether an error says that the value is of another kind than the field."""
+    """Return whether an error is about a value of another type than that of the field."""
     return str(error["type"]).endswith(_OTHER_KIND)
 
 
 def wanted(error: Mapping[str, Any]) -> str:
-    """Return what the value should be, in words; empty when the error does not say so."""
+    """Return a description of the expected value; empty if the error does not contain one."""
     limits = {name: _short(limit) for name, limit in error.get("ctx", {}).items()}
     if "pattern" in limits:
         pattern = limits["pattern"]
-        limits["pattern"] = _PATTERNS.get(pattern, f"a text of the form of the regular expression `{pattern}`")
+        limits["pattern"] = _PATTERNS.get(pattern, f"a string that matches the regular expression `{pattern}`")
     return _WANTED.get(error["type"], "").format_map(limits)
 
 
@@ -77,7 +77,7 @@ def _short(limit: Any) -> Any:
 
 
 def message(error: Mapping[str, Any]) -> tuple[str, str]:
-    """Return what is wrong and what to do, the latter often empty."""
+    """Return a description of the mistake and a hint, which is often empty."""
     kind, said = error["type"], str(error["msg"])
     if kind == "missing":
         item = error["loc"][-1] if error.get("loc") else ""
@@ -91,12 +91,12 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     given = error.get("input")
     want = wanted(error)
     if want:
-        return f"wants {want}, got {shown(given)}", _nearest(error, given)
+        return f"expected {want}, got {shown(given)}", _nearest(error, given)
     return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
 
 
 def functor_mistakes(error: PydanticCustomError) -> str:
-    """Return the mistakes of a functor that no file names, from the error of `safe_inspect.plugins.functor.build`."""
+    """Return the mistakes of a functor without a file, from the error of `safe_inspect.plugins.functor.build`."""
     texts = []
     for problem in (error.context or {})["errors"]:
         where = ".".join(map(str, problem["loc"]))
@@ -106,7 +106,7 @@ def functor_mistakes(error: PydanticCustomError) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message prints it, cut short."""
+    """Return a value as messages print it, shortened."""
     if value is None:
         return "nothing (`null`)"
     if isinstance(value, bool):
@@ -120,7 +120,7 @@ def shown(value: Any) -> str:
 
 
 def _nearest(error: Mapping[str, Any], given: Any) -> str:
-    """Return the nearest of a choice's texts."""
+    """Return a hint with the most similar permitted string."""
     if error["type"] not in ("literal_error", "enum") or not isinstance(given, str):
         return ""
     hint = did_you_mean(given, str(error["ctx"]["expected"]).split("'")[1::2])

@@ -1,4 +1,4 @@
-"""From Pydantic's validation errors to problems with file, line, path and plain words."""
+"""Conversion of Pydantic's validation errors to problems with file, line, path and plain words."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import Location, Problem
 from safe_inspect.plugins.functor import errors_of
 
-#: Keys and indices that lead to a place of the configuration.
+#: Path in the configuration: keys and indices.
 KeyTuple = tuple[Any, ...]
-#: Takes the place and the text of a problem.
+#: Function that is called with the path and the message of a problem.
 ReportProblem = Callable[[KeyTuple, str], None]
 
-#: What Pydantic puts into the path of an error to tell the members of a union apart.
+#: Labels that Pydantic adds to the path of an error to distinguish the members of a union.
 _LABEL = re.compile(r"(int|float|str|bool|bytes|none|list|dict|tuple|set|date|datetime)$|[A-Z]|.*[\[(-]")
 
 
 def problems_of(
     error: ValidationError, tree: Any, prefix: Sequence[Any] = (), model: type[BaseModel] | None = None
 ) -> list[Problem]:
-    """Return one problem for each mistake that a validation found, those of nested functors included.
+    """Return one problem for each mistake of a validation, including those in nested functors.
 
     Args:
-        error: What the validation raised.
-        tree: The tree with marks.
-        prefix: The path in the tree of what was validated.
-        model: The model that validated it, for the names of its keys.
+        error: The error of the validation.
+        tree: The tree with locations.
+        prefix: Path of the validated value in the tree.
+        model: The model of the validation, for the names of its keys.
     """
     start = tree
     for key in prefix:
@@ -46,27 +46,27 @@ def problems_of(
 
 @dataclass(frozen=True)
 class _Label:
-    """The name of a union's member in the path of an error."""
+    """Name of a union's member in the path of an error."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class _Fault:
-    """An error with its path; `rest` begins with the first label of a union, if there is one."""
+    """An error with its path; `rest` starts with the first label of a union, if there is one."""
 
     path: tuple[Any, ...]
     rest: tuple[Any, ...]
     error: dict[str, Any]
 
     def next_union(self) -> _Fault:
-        """Move the path on to the next label, or to the end."""
+        """Return the error with the path extended to the next label, or to the end."""
         count = next((i for i, step in enumerate(self.rest) if isinstance(step, _Label)), len(self.rest))
         return _Fault(self.path + self.rest[:count], self.rest[count:], self.error)
 
 
 def _steps(loc: Sequence[Any], node: Any) -> Iterator[Any]:
-    """Yield the components of an error's path, the labels of unions marked."""
+    """Yield the components of an error's path, with the labels of unions marked."""
     for part in loc:
         if not has(node, part) and isinstance(part, str) and _LABEL.match(part):
             yield _Label(part)
@@ -76,7 +76,7 @@ def _steps(loc: Sequence[Any], node: Any) -> Iterator[Any]:
 
 
 def _without_unions(faults: list[_Fault]) -> list[_Fault]:
-    """Collapse the errors of a union's members to those of the member that was meant, or to one."""
+    """Reduce the errors of a union's members to those of the intended member, or to one."""
     kept: list[_Fault] = []
     unions: dict[tuple[Any, ...], dict[str, list[_Fault]]] = {}
     for fault in (fault.next_union() for fault in faults):
@@ -93,7 +93,7 @@ def _without_unions(faults: list[_Fault]) -> list[_Fault]:
 
 
 def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
-    """Return the errors of the member that fits the value's kind best; one error for all when none fits."""
+    """Return the errors of the member that best matches the value's type; one error for all if none matches."""
     fitting = [
         member
         for member in members
@@ -106,7 +106,7 @@ def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
     wants = dict.fromkeys(wanted(fault.error) for member in members for fault in member if fault.path == path)
     choices = " or ".join(want for want in wants if want)
     first = members[0][0].error
-    text = f"wants {choices}, got {shown(first.get('input'))}"
+    text = f"expected {choices}, got {shown(first.get('input'))}"
     return [_Fault(path, (), {**first, "type": "functor_key", "msg": text})]
 
 
@@ -116,7 +116,7 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
         known = known_keys(start, fault.path[:-1], model)
         text, hint = f"unknown key `{fault.path[-1]}`", key_hint(str(fault.path[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
-            text, hint = fault.error["msg"], ""  # a plugin that builds another names the keys itself
+            text, hint = fault.error["msg"], ""  # a plugin that builds another lists the keys itself
     else:
         text, hint = message(fault.error)
     location = _newest_named(tree, where, text) if fault.error["type"] == "value_error" else None
@@ -124,9 +124,9 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
 
 
 def _newest_named(tree: Any, where: tuple[Any, ...], text: str) -> Location | None:
-    """Return where the newest of the keys stands that the mistake of a whole mapping names; None where it names none.
+    """Return the location of the newest key that the mistake of a whole mapping mentions; None if there is none.
 
-    The keys may come from several files and from the command line; their marks are in the order of writing.
+    The keys may come from several files and from the command line; their locations are in the order of writing.
     """
     holder = tree
     for key in where:

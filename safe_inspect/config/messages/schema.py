@@ -1,4 +1,4 @@
-"""JSON schemas of configuration files and plugins, with which an editor completes and checks configurations."""
+"""JSON schemas of configuration files and plugins, for completion and checks in editors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.plugins.functor import SCHEMA_KIND, name_key
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 
-#: The model of every kind of file.
+#: The model of each kind of file.
 FILES: dict[str, type[BaseModel]] = {
     "experiment": ExperimentConfig,
     "task": TaskConfig,
@@ -33,7 +33,7 @@ _REFERENCE = "#/$defs/"
 
 
 def model_schema(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the schema of a file that a model describes, every registered plugin spelt out in ``$defs``."""
+    """Return the schema of a kind of file from its model, with the schemas of all registered plugins in ``$defs``."""
     schema = model.model_json_schema(mode="validation")
     definitions = schema.setdefault("$defs", {})
     for kind in registry.kinds():
@@ -53,14 +53,14 @@ def _spell_out(node: Any) -> Any:
 def functor_schemas(kind: str) -> dict[str, dict[str, Any]]:
     """Return the schema of the mapping of every registered plugin of a kind, by the plugin's name.
 
-    Each schema stands by itself (no ``$defs``), so that ``{"anyOf": [*functor_schemas(kind).values()]}``
-    may be put anywhere into a larger one.
+    Each schema is self-contained (without ``$defs``), so that ``{"anyOf": [*functor_schemas(kind).values()]}``
+    can be put anywhere into a larger one.
     """
     return {name: _functor_schema(cls) for name, cls in registry.items(kind)}
 
 
 def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
-    """Return the schema of one plugin's mapping: its name, its fields with their units, and what it wraps."""
+    """Return the schema of one plugin's mapping: its name, its fields with their units, and its wrapped plugins."""
     fields = _inlined(cls.model_json_schema(mode="validation"))
     needed = fields.pop("required", [])
     wrapped = fields["properties"].pop("wrapped", None) if "properties" in fields else None
@@ -77,7 +77,7 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
             "config": fields,
             "references": {
                 "type": "object",
-                "description": "Fields whose values stand in the agent's `reference_store`, with their keys there.",
+                "description": "Fields whose values are in the agent's `reference_store`, with their keys there.",
                 "additionalProperties": {"type": "string"},
             },
         },
@@ -89,21 +89,21 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         if "wrapped" in needed:
             schema["required"].append("wrapped")
     needed = [field for field in needed if field != "wrapped"]
-    if needed:  # a reference can give what `config` lacks
+    if needed:  # a reference can replace a field of `config`
         given = {"properties": {"config": {"required": needed}}, "required": ["config"]}
         schema["anyOf"] = [given, {"required": ["references"]}]
     return schema
 
 
 def _name(cls: type[Plugin]) -> dict[str, Any]:
-    """Return the schema of the names by which a configuration can call a plugin."""
+    """Return the schema of the names that refer to a plugin in a configuration."""
     name = cls.registered_name
     others = sorted(path for path, alias in ALIASES.items() if alias == name and not path.endswith(f".{name}"))
     return {"anyOf": [{"const": name}, {"pattern": rf"\.{cls.__name__}$"}, *({"const": other} for other in others)]}
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema with its definitions put where they are used."""
+    """Return a schema with its definitions inserted where they are used."""
     definitions = schema.pop("$defs", {})
 
     def walk(node: Any, within: tuple[str, ...]) -> Any:
@@ -115,7 +115,7 @@ def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
         if isinstance(target, str) and target.startswith(_REFERENCE):
             name = target.removeprefix(_REFERENCE)
             rest = {key: value for key, value in node.items() if key != "$ref"}
-            if name in within:  # a model that holds itself
+            if name in within:  # a model that contains itself
                 return {"type": "object", **rest}
             return walk({**definitions[name], **rest}, (*within, name))
         return {key: walk(value, within) for key, value in node.items()}

@@ -1,1 +1,1 @@
-"""The models of the files of an experiment."""
+"""The models of an experiment's files."""

@@ -1,6 +1,6 @@
-"""Keys that the peer's files have and that have no effect here: they are checked, and read no more.
+"""Keys of safe-autonomy-sims that have no effect here: they are only checked.
 
-Each class holds those of one model of `safe_inspect.config.models.experiment`, which extends it.
+Each class contains those of one model of `safe_inspect.config.models.experiment`, which extends it.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from safe_inspect.plugins.registry import registry
 
 
 def _one_of(*names: str) -> Any:
-    """Return a field type for a class that the grammar names and this package has one of; aliases count."""
+    """Return a field type for a class name of which this package supports only some; aliases are accepted."""
 
     def check(value: str) -> str:
         name = ALIASES.get(value, value)
         if name.rpartition(".")[2] not in names and name not in names:
-            raise ValueError(f"{value!r} is not known here; {did_you_mean(name.rpartition('.')[2], names)}")
+            raise ValueError(f"unknown class {value!r}; {did_you_mean(name.rpartition('.')[2], names)}")
         return name.rpartition(".")[2]
 
     return Annotated[str, AfterValidator(check)]
 
 
 class Provider(BaseModel):
-    """The peer's source of episode parameters; reset parameters are drawn afresh at every reset."""
+    """The source of episode parameters in safe-autonomy-sims; here all parameters are sampled at every reset."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -44,7 +44,7 @@ class EnvironmentKeys(BaseModel):
 
 
 class ResetKeys(BaseModel):
-    """Keys of ``simulator_reset_parameters`` of an environment: an initialiser, which the agents' own replace."""
+    """Keys of ``simulator_reset_parameters`` of an environment: an initialiser, which those of the agents replace."""
 
     initializer: Any = None
 
@@ -61,10 +61,10 @@ class ResetKeys(BaseModel):
 
 
 def platform_class(name: str) -> type[Platform]:
-    """Return the platform of a name: its short name, such as `cwh`, its registered name or a dotted path.
+    """Return the platform class of a name: its short name, such as `cwh`, its registered name or a dotted path.
 
     Raises:
-        RegistryError: There is none.
+        RegistryError: There is no such platform.
     """
     for _, cls in registry.items("platform"):
         if name and cls.short_name == name:
@@ -80,12 +80,12 @@ def _known_platform(name: str) -> str:
     return name
 
 
-#: A field type for the name of a platform.
+#: Field type of the name of a platform.
 KnownPlatform = Annotated[str, AfterValidator(_known_platform)]
 
 
 class PlatformKeys(BaseModel):
-    """Keys of ``platform.yml``: a label, and the kind of platform."""
+    """Keys of ``platform.yml``: a label, and the name of the platform's class."""
 
     name: str = ""
     platform: KnownPlatform = "cwh"
@@ -109,7 +109,7 @@ class AgentKeys(BaseModel):
 
 
 class TaskBodyKeys(BaseModel):
-    """Keys of the body of ``task.yml``: callbacks, the choice of a computer, and ``_updates``, which hold anchors."""
+    """Keys of the body of ``task.yml``: callbacks, the choice of a computer, and ``_updates``, with anchors."""
 
     auto_system_detect_class: Any = None
 

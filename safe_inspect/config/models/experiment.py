@@ -1,6 +1,6 @@
 """The models of an experiment's files: environment, platform, agent, policy, task and experiment.
 
-What they contain is built by the plugins' own validation. Keys without effect are those of `compat`.
+Plugins in them are built by the plugins' own validation. Keys without an effect are in `compat`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from safe_inspect.units import PositiveFrequency
 
 
 def _named_field(kind: str) -> Any:
-    """Return a field type for ``{name: ..., functor: ..., config: ...}``: the plugin with its name.
+    """Return a field type for ``{name: ..., functor: ..., config: {...}}``: the plugin with its name.
 
-    The name is the registered name of the plugin unless given.
+    The default name is the registered name of the plugin.
     """
 
     def convert(value: Any) -> Named[Plugin]:
@@ -52,13 +52,13 @@ def _named_field(kind: str) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """Turn a plain number into a constant."""
+    """Return a constant parameter for a plain number; other values are unchanged."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return ConstantParameter(value=value)
     return value
 
 
-#: A reset parameter, or a plain number for a constant.
+#: Field type of a reset parameter; a plain number is a constant.
 ParameterField: Any = Annotated[
     functor_field("parameter"),
     BeforeValidator(_number),
@@ -67,14 +67,14 @@ ParameterField: Any = Annotated[
 
 
 class Model(StrictNumbers):
-    """Base of the models: frozen, unknown keys forbidden."""
+    """Base of the models: frozen, with unknown keys forbidden."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
 
 def _is_a_point(name: str) -> str:
     if platform_class(name).turns:
-        raise ValueError(f"{name!r} turns; a body beside the deputies is a point")
+        raise ValueError(f"{name!r} has an attitude; a body in addition to the deputies must be a point")
     return name
 
 
@@ -86,18 +86,18 @@ def _has_an_entity(name: str) -> str:
     except RegistryError:
         cls = Component
     if not cls.entity:
-        raise ValueError(f"{name!r} is no component with parameters here; {did_you_mean(name, known)}")
+        raise ValueError(f"{name!r} is not a component with reset parameters; {did_you_mean(name, known)}")
     return str(cls.registered_name)
 
 
 class EntityConfig(Model):
-    """A body beside the deputies that coasts, or the parameters of a component.
+    """A coasting body in addition to the deputies, or the parameters of a component.
 
     Attributes:
-        platform: Name of a platform that does not turn.
-        entity_class: Name of a component that has an `entity`, such as ``Sun``.
-        initializer: Initialiser of a body; a `platform` without one takes `PositionVelocityInitializer`.
-        config: Parameters of the initialiser, or of the component.
+        platform: Name of a platform without attitude.
+        entity_class: Name of a component with the field `entity`, such as ``Sun``.
+        initializer: Initialiser of a body. Default for a body with a `platform`: `PositionVelocityInitializer`.
+        config: Parameters of the initialiser or of the component.
     """
 
     platform: Annotated[KnownPlatform, AfterValidator(_is_a_point)] | None = None
@@ -107,7 +107,7 @@ class EntityConfig(Model):
 
 
 class ResetParameters(ResetKeys, Model):
-    """What is drawn at a reset: named parameters, and the bodies beside the deputies."""
+    """Distributions that are sampled at a reset: named parameters, and the bodies in addition to the deputies."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ParameterField]  # type: ignore[valid-type]
@@ -116,7 +116,7 @@ class ResetParameters(ResetKeys, Model):
 
 
 class SharedDones(Model):
-    """Done functions that concern all agents."""
+    """Done functions of all agents together."""
 
     shared: tuple[_named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
 
@@ -125,16 +125,16 @@ class EnvironmentConfig(EnvironmentKeys, Model):
     """``environment.yml``.
 
     Attributes:
-        horizon: Largest number of steps of an episode; 1224 (two orbits) unless the RLlib configuration gives it.
+        horizon: Largest number of steps of an episode. Default: that of the RLlib configuration, or 1224 (two orbits).
         simulator: The simulator.
-        simulator_reset_parameters: What is drawn at a reset.
-        plugin_paths: Modules with further plugins, imported before any name is looked up.
-        dones: Done functions that concern all agents.
-        rta: Safety filter that acts on all deputies together.
-        ended_deputies: What the spacecraft of an agent that has ended does until the episode ends for all:
-            ``coast``, or ``hold_thrust``, as the peer's do.
+        simulator_reset_parameters: Distributions that are sampled at a reset.
+        plugin_paths: Modules with additional plugins, which are imported before any name is looked up.
+        dones: Done functions of all agents together.
+        rta: Safety filter of all deputies together.
+        ended_deputies: Behaviour of the spacecraft of an agent that has ended, until the episode ends for all:
+            ``coast``, or ``hold_thrust`` as in safe-autonomy-sims.
         TrialName: Name of the run's folder.
-        output_path: Folder in which run folders are made.
+        output_path: Folder in which run folders are created.
     """
 
     horizon: int | None = Field(default=None, ge=1, le=MAX_HORIZON)
@@ -149,7 +149,7 @@ class EnvironmentConfig(EnvironmentKeys, Model):
 
 
 class PlatformConfig(PlatformKeys, Model):
-    """``platform.yml``: ``config`` holds the platform's fields."""
+    """``platform.yml``: ``config`` contains the platform's fields."""
 
     config: dict[str, Any] = Field(default_factory=dict)
 
@@ -162,7 +162,7 @@ class AgentReset(Model):
 
 
 class AgentBody(AgentBodyKeys, Model):
-    """What an agent is made of; see `AgentConfig`."""
+    """Body of an agent's configuration; see `AgentConfig`."""
 
     frame_rate: PositiveFrequency = 0.1
     parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
@@ -180,14 +180,14 @@ class AgentConfig(AgentKeys, Model):
 
 
 class PolicyConfig(Model):
-    """``ppo.yml``: what flies an agent. One of three: an algorithm that learns, a scripted policy, a checkpoint.
+    """``ppo.yml``: the policy of an agent, which is an algorithm to train, a scripted policy, or a checkpoint.
 
     Attributes:
-        algorithm: Name of an RLlib algorithm that trains the policy; PPO unless something else flies the agent.
-        config: RLlib keys, merged over the task's; the fields of a scripted policy.
-        functor: A scripted policy, such as ZeroThrust.
-        checkpoint: Folder of a checkpoint whose policy flies the agent and is not trained.
-        policy: Name of the policy in that checkpoint, where it holds several.
+        algorithm: Name of the RLlib algorithm that trains the policy. Default: PPO, if there is no other policy.
+        config: RLlib keys, which override the task's; or the fields of a scripted policy.
+        functor: Name of a scripted policy, such as ZeroThrust.
+        checkpoint: Folder of a checkpoint whose policy is used without training.
+        policy: Name of the policy in that checkpoint, if it contains several.
     """
 
     algorithm: str = Field(default="", pattern=r"\S|^$")
@@ -200,18 +200,18 @@ class PolicyConfig(Model):
     def _one_kind(self) -> PolicyConfig:
         given = [key for key in ("algorithm", "functor", "checkpoint") if getattr(self, key)]
         if len(given) > 1:
-            raise ValueError(f"`{given[0]}` and `{given[1]}` exclude each other; remove one")
+            raise ValueError(f"`{given[0]}` and `{given[1]}` are mutually exclusive; remove one of them")
         if self.policy is not None and self.checkpoint is None:
-            raise ValueError("`policy` names a policy of a `checkpoint`; give that too, or remove it")
+            raise ValueError("`policy` needs a `checkpoint` that contains it; add one, or remove `policy`")
         if self.checkpoint is not None and self.config:
-            raise ValueError("a checkpoint's policy takes no `config`; remove it")
+            raise ValueError("`config` has no effect on a checkpoint's policy; remove it")
         if self.functor is None and self.checkpoint is None and not self.algorithm:
             object.__setattr__(self, "algorithm", "PPO")
         return self
 
     @property
     def scripted(self) -> Any:
-        """The scripted policy as `safe_inspect.plugins.functor.build` takes it; None for the other kinds."""
+        """The scripted policy in the form of `safe_inspect.plugins.functor.build`; None for other policies."""
         return None if self.functor is None else {"functor": self.functor, "config": self.config}
 
 
@@ -226,12 +226,12 @@ class AgentEntry(Model):
     """An agent of the experiment, or with `count` the template of several; see `safe_inspect.config.loading.templates`.
 
     Attributes:
-        name: Name of the agent; ``#`` stands for the number of each in a template.
-        count: How many agents the template stands for.
-        platforms: The platform that it controls.
-        config: Its parts, glues, rewards and dones.
-        policy: What flies it; an algorithm that learns, PPO, unless given. With several agents each needs it.
-        policy_name: Agents of one name share one policy; the agent's own name unless given.
+        name: Name of the agent; in a template ``#`` is replaced by the number of each agent.
+        count: Number of agents that the template defines.
+        platforms: The platform that the agent controls.
+        config: Parts, glues, rewards and dones.
+        policy: The agent's policy. Default: one trained with PPO; with several agents each must have one.
+        policy_name: Agents with the same policy name share one policy. Default: the agent's name.
     """
 
     name: str = Field(min_length=1, pattern=r"^[^/\s]+$")
@@ -243,12 +243,12 @@ class AgentEntry(Model):
 
     @property
     def flown_by(self) -> str:
-        """The name of the policy that flies the agent."""
+        """Name of the agent's policy."""
         return self.policy_name or self.name
 
 
 class TaskBody(TaskBodyKeys, Model):
-    """The task's configurations, lists of mappings already merged; see `TaskConfig`."""
+    """The task's configurations, with lists of mappings already merged; see `TaskConfig`."""
 
     rllib_configs: dict[str, dict[str, Any]] = Field(default_factory=dict)
     ray_config: dict[str, Any] = Field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Which model checks a place of a configuration, and so which keys are known there."""
+"""The models that validate each position of a configuration, and the keys that are permitted there."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from safe_inspect.plugins.registry import registry
 
 
 def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = None) -> set[str]:
-    """Return the keys that a mapping of the tree may have; none when no model is known for it.
+    """Return the keys that are permitted in a mapping of the tree; none if its model is unknown.
 
     Args:
         tree: The tree that was validated.
         path: The path of the mapping.
-        model: The model of the whole tree, when there is one. Functors on the path name their own.
+        model: The model of the whole tree, if there is one. Functors on the path contain the names of their models.
     """
     annotations: list[Any] = [] if model is None else [model]
     for key in path:
@@ -35,11 +35,11 @@ def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = N
 def written_values(
     mark: str, tree: Mapping[Any, Any], model: type[BaseModel], path: tuple[Any, ...] = ()
 ) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
-    """Yield the values of a tree whose fields have a mark in their JSON schema: path, value, and what the mark says.
+    """Yield the values of a tree whose fields have a mark in their JSON schema: path, value and value of the mark.
 
     Args:
         mark: The key of `json_schema_extra`, such as ``units``.
-        tree: A tree that the model accepts. Functors name the models of their own fields.
+        tree: A tree that is valid for the model. Functors contain the names of the models of their fields.
         model: The model.
         path: The path of the tree.
     """
@@ -81,7 +81,7 @@ def _members(annotation: Any) -> tuple[Any, ...]:
 
 
 def plugin_of(functor: Any) -> type[BaseModel] | None:
-    """Return the class that a functor's mapping names; None for any other value."""
+    """Return the class that a functor's mapping names, or None for any other value."""
     if not isinstance(functor, Mapping):
         return None
     for kind in registry.kinds():
@@ -99,12 +99,12 @@ def _keys(model: type[BaseModel]) -> set[str]:
 
 
 def _below(annotation: Any, key: Any) -> Iterator[Any]:
-    """Yield the annotations of what a key or an index holds."""
+    """Yield the annotations of the values of a key or an index."""
     for variant in _variants(annotation):
         if isinstance(variant, type) and issubclass(variant, BaseModel):
             yield from (info.annotation for name, info in variant.model_fields.items() if key in (name, info.alias))
         else:
-            # The items of a list or a tuple[X, ...], the values of a dict.
+            # This is the type of items of a list or a tuple[X, ...], or of values of a dict.
             yield from [found for found in typing.get_args(variant) if found is not Ellipsis][-1:]
 
 
@@ -113,7 +113,7 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _variants(annotation: Any) -> Iterator[Any]:
-    """Yield what an annotation consists of: the members of unions, without ``Annotated``."""
+    """Yield the parts of an annotation: the members of unions, without ``Annotated``."""
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         yield from _variants(typing.get_args(annotation)[0])
