@@ -290,13 +290,8 @@ def test_a_short_key_that_only_a_plugin_has_is_shown_with_its_place(recwarn):
     assert not recwarn.list
 
 
-<<<<<<< HEAD
 def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_message_says():
-    with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
-=======
-def test_a_number_that_stands_in_several_places_is_replaced_in_all_as_the_message_says():
     with pytest.raises(ConfigError, match="`mass` matches 3 keys; all are 12 now; to replace each, write ") as refused:
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
         load_experiment(SHIPPED, ["mass=20"])
     every = str(refused.value).partition("to replace each, write ")[2].split()
     spec = load_experiment(SHIPPED, every).spec

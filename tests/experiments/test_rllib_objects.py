@@ -63,13 +63,8 @@ def test_what_cannot_be_built_is_one_message(keys, shown):
 def test_it_is_reported_before_the_training_that_no_file_holds_them(capsys):
     override = f"agent_config.0.policy.config.env_to_module_connector={FILTER}"
     assert main(["validate", SHIPPED, override]) == 0
-<<<<<<< HEAD
     shown = capsys.readouterr().err
-    assert "policies train and resume, but are not flown: `env_to_module_connector` stands for code" in shown
-=======
-    told = capsys.readouterr().err
-    assert "policies can be trained, but not evaluated: no policy file can contain the code of `env_to_" in told
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
+    assert "policies can be trained, but not evaluated: no policy file can contain the code of `env_to_" in shown
     assert main(["validate", SHIPPED, f"agent_config.0.policy.config.rl_module_class={__name__}.Deep"]) == 0
     assert "the code of `rl_module`" in capsys.readouterr().err
 

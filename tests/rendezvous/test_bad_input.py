@@ -41,13 +41,8 @@ def files(tmp_path: Path) -> Path:
         ("target.config.mating_point=[5 m, 0 m, 0 m]", "the centre of mass, farther than any corner"),
         ("target.config.mating_point=[0 m, 0 m, 0 m]", "the mating point is the target's centre of mass"),
         ("chaser.position=[0 m, 0 m, 0 m]", "chaser.position: the chaser would overlap the target"),
-<<<<<<< HEAD
-        ("tumble.config.rate=-5 deg/s", "tumble.config.rate: wants a number of 0 or more"),
-        ("tumble.config.direction=[0, 0, 0]", "is neither a direction nor an attitude"),
-=======
         ("tumble.config.rate=-5 deg/s", "tumble.config.rate: expected a number of 0 or more"),
-        ("tumble.config.direction=[0, 0, 0]", "is no direction and no attitude"),
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
+        ("tumble.config.direction=[0, 0, 0]", "is neither a direction nor an attitude"),
         (
             "tumble={functor: RandomTumble, config: {least_rate: 5 deg/s, largest_rate: 2 deg/s}}",
             "least_rate (0.08727 rad/s) is more than largest_rate",
@@ -98,15 +93,9 @@ class _Without:
         ),
         ("mission.wait_step=1e-9 s", "mission: wait_step: 1e-09 s is not a multiple of the control step"),
         ("mission.wait_limit=1e9 s", "mission: wait_limit (1e+09 s) is more than 1,000 times wait_step (1 s)"),
-<<<<<<< HEAD
         ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s is more than 5,000 control steps"),
         ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
-        ("chaser.limits.cone=200 deg", "chaser.limits.cone: wants a number of 3.14159265358979 or less"),
-=======
-        ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s are more than 5,000 steps of control"),
-        ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s are more than 5,000 steps of control"),
         ("chaser.limits.cone=200 deg", "chaser.limits.cone: expected a number of 3.14159265358979 or less"),
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
         ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.obj}}", "bad.obj: the mesh cannot be read"),

@@ -567,11 +567,7 @@ def test_fixed_initial_states_that_the_filter_cannot_keep_are_reported_at_the_re
 ):
     env = BatchedEnvironment(fixed_start(position, velocity, 0.0, overrides=(ON,)), 2, seed=SEED)
     with pytest.warns(
-<<<<<<< HEAD
-        UnsafeInitialStateWarning, match=rf"blue0: initial states are refused by .*{shown}.*RejectionSampler"
-=======
-        UnsafeInitialStateWarning, match=rf"blue0: initial states are rejected by .*{told}.*RejectionSampler"
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
+        UnsafeInitialStateWarning, match=rf"blue0: initial states are rejected by .*{shown}.*RejectionSampler"
     ):
         env.reset()
 

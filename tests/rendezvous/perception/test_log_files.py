@@ -140,13 +140,8 @@ _FINE = {name: [0.0, 1.0] for name in IMU_COLUMNS}
         (_camera(least_range="2 m"), "least_range (2.0 m) must be below largest_range (2.0 m)"),
         (_camera(cx=9.51), "camera.cx: 9.51 px is outside of the image, which has 10 pixels along it"),
         (_camera(cy=-0.51), "camera.cy: -0.51 px is outside of the image, which has 8 pixels along it"),
-<<<<<<< HEAD
-        (_camera(width=7), "camera.width: wants a number of 8 or more"),
-        (_camera(orientation=[0, 0, 0, 2]), "orientation is not a unit quaternion [x, y, z, w]: its length is 2"),
-=======
         (_camera(width=7), "camera.width: expected a number of 8 or more"),
-        (_camera(orientation=[0, 0, 0, 2]), "orientation is no unit quaternion [x, y, z, w]: its length is 2"),
->>>>>>> 4bcdd89d080150df3b12762b9b6841cc4840cd81
+        (_camera(orientation=[0, 0, 0, 2]), "orientation is not a unit quaternion [x, y, z, w]: its length is 2"),
     ],
 )  # fmt: skip
 def test_a_damaged_log_is_refused_with_its_file(tmp_path: Path, change: Callable[[Path], object], message: str) -> None:
