@@ -106,8 +106,10 @@ class Dynamics(Plugin):
     (`control_size`,), zeros for a body without thrusters; `mass` is in kg.
 
     Class attributes:
-        row: The row kernel. arrays: Arrays of one body by name, in the kernel's order, SI units. The first two are
-        ``position`` [m] and ``velocity`` [m/s], shape (3,). control_size: Number of elements of the control, C.
+        row: The row kernel.
+        arrays: Arrays of one body by name, in the kernel's order, SI units. The first two are ``position`` [m] and
+            ``velocity`` [m/s], shape (3,).
+        control_size: Number of elements of the control, C.
         control_unit: Their SI unit.
     """
 

@@ -23,7 +23,7 @@ class FreeFlight(NamedTuple):
         phi: Transition matrix of the step in Hill's frame, shape (6, 6).
         gamma: Input matrix for 1 kg, shape (6, 3).
         inertia: Principal moments of inertia [kg m^2].
-        share: Fraction of the difference between control and wrench that the actuators reduce in the step.
+        share: Fraction of the difference between control and wrench that the actuators remove in the step.
         mean_motion: Mean motion of the orbit [rad/s].
         step_size: Length of the step [s].
     """
