@@ -1,4 +1,4 @@
-"""How vehicles move. Importing it registers the plugins."""
+"""Dynamics of vehicles. Importing the package registers the plugins."""
 
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits

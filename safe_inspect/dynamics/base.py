@@ -1,6 +1,6 @@
-"""`Dynamics`: how a vehicle moves; the simulator knows a vehicle by its arrays, control and row kernel alone.
+"""`Dynamics`: the motion of a vehicle, which the simulator uses only through its arrays, control and row kernel.
 
-`DisturbanceBounds` say how far a real motion may depart from the model that safety filters have of it.
+`DisturbanceBounds` state how far the real motion may depart from the model that safety filters use.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _LARGEST_ANGLE = 0.5 * math.pi
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Within which limits the bounds of a disturbance must be valid.
+    """Limits within which the bounds of a disturbance must be valid.
 
     Attributes:
         step_size: Time for which the agent's control is held [s].
         mass: Mass of the deputy [kg].
-        thrust: Largest thrust of each axis [N].
-        distance: Largest distance from the origin of Hill's frame [m]; infinite where nothing bounds it.
-        speed: Largest speed [m/s]; infinite where nothing bounds it.
+        thrust: Largest thrust along each axis [N].
+        distance: Largest distance from the origin of Hill's frame [m]; infinite if it is not bounded.
+        speed: Largest speed [m/s]; infinite if it is not bounded.
     """
 
     step_size: float
@@ -41,14 +41,14 @@ class MotionLimits:
 
 
 class DisturbanceBounds(BaseModel):
-    """Bounds of a disturbance; a bound of 0, the default, is no disturbance.
+    """Bounds of a disturbance; a bound of 0, the default, means no disturbance.
 
     Attributes:
-        velocity: Length of the velocity that disturbances add in a step [m/s].
-        position_error: Distance of the estimated position from the position [m].
-        velocity_error: Length of the error of the estimated velocity [m/s].
-        thrust_gain: Relative error of the thrust's size [-].
-        thrust_direction: Angle between the thrust and the commanded one [rad].
+        velocity: Magnitude of the velocity that disturbances add in a step [m/s].
+        position_error: Distance of the estimated position from the true position [m].
+        velocity_error: Magnitude of the error of the estimated velocity [m/s].
+        thrust_gain: Relative error of the thrust's magnitude [-].
+        thrust_direction: Angle between the thrust and the commanded thrust [rad].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -66,9 +66,10 @@ class DisturbanceBounds(BaseModel):
 
     @property
     def thrust_error(self) -> float:
-        """Largest |flown - commanded| / |commanded| of the thrust [-].
+        """Largest |applied - commanded| / |commanded| of the thrust [-].
 
-        A thrust of size g at the angle a to the commanded one of size 1 differs by sqrt((g - 1)^2 + 4 g sin(a/2)^2).
+        A thrust of magnitude g at the angle a to the commanded one of magnitude 1 differs by sqrt((g - 1)^2 + 4 g
+        sin(a/2)^2).
         """
         chord = 2.0 * math.sin(0.5 * self.thrust_direction)
         return math.sqrt(self.thrust_gain**2 + (1.0 + self.thrust_gain) * chord**2)
@@ -79,7 +80,7 @@ class DisturbanceBounds(BaseModel):
         return [name for name, mine, theirs in pairs if theirs > mine]
 
     def __add__(self, other: DisturbanceBounds) -> DisturbanceBounds:
-        """Return the bounds of two disturbances that act together; they may be larger than the fields may be."""
+        """Return the bounds of two disturbances that act together; they may exceed the allowed range of the fields."""
         return DisturbanceBounds.model_construct(
             velocity=self.velocity + other.velocity,
             position_error=self.position_error + other.position_error,
@@ -89,19 +90,19 @@ class DisturbanceBounds(BaseModel):
         )
 
 
-#: What does not touch the motion, the thrust or the estimates.
+#: Bounds of a component that does not disturb the motion, the thrust or the estimates.
 NO_DISTURBANCE = DisturbanceBounds()
 
 
 class Dynamics(Plugin):
-    """Motion of bodies under held controls, one row kernel for all of them.
+    """Motion of bodies under held controls, with one row kernel for all bodies.
 
-    Calling it with a step gives the parameters of the row kernel:
+    Calling it with a step size returns the parameters of the row kernel:
 
         rate = row(*parameters, *arrays, control, mass)
 
-    The kernel advances one body over one physics step in place and returns the velocity change that it spends in a
-    second [m/s^2]. `arrays` are those of the body, each without its leading axes; `control` is what is held, shape
+    The kernel advances one body by one physics step in place and returns the velocity change that it spends per second
+    [m/s^2]. `arrays` are those of the body, each without its leading axes; `control` is the held control, shape
     (`control_size`,), zeros for a body without thrusters; `mass` is in kg.
 
     Class attributes:
@@ -120,12 +121,12 @@ class Dynamics(Plugin):
 
     @property
     def traced(self) -> bool:
-        """Whether a simulation keeps the arrays of the bodies after every physics step. False by default."""
+        """Whether a simulation stores the arrays of the bodies after every physics step. False by default."""
         return False
 
     @property
     def turns_thrust(self) -> bool:
-        """Whether the thrust, the first three elements of the control, stands in body axes. False by default."""
+        """Whether the thrust, the first three elements of the control, is given in body axes. False by default."""
         return False
 
     @abstractmethod
@@ -137,27 +138,27 @@ class Dynamics(Plugin):
         """
 
     def initial(self) -> Mapping[str, Sequence[float]]:
-        """Return values of arrays by name, for bodies whose initialiser gives none; zeros by default."""
+        """Return values of arrays by name, for bodies whose initialiser does not set them; zeros by default."""
         return {}
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
         """Return how far a step of the agents departs from the exact Clohessy-Wiltshire motion under the held thrust.
 
-        That motion is the one at the ``mean_motion`` of `offers`; see `Component.disturbance_bounds`. None, the
-        default, says nothing, and safety filters for Clohessy-Wiltshire dynamics are refused.
+        That motion is the one at the ``mean_motion`` of `offers`; see `Component.disturbance_bounds`. The default,
+        None, states nothing, and safety filters for Clohessy-Wiltshire dynamics are then rejected.
 
         Args:
-            limits: The flight for which the bounds must be valid.
+            limits: The range of motion for which the bounds must be valid.
         """
         return None
 
     def offers(self) -> Mapping[str, Any]:
-        """Return what plugins find by name in `World`, such as ``mean_motion``. Nothing by default."""
+        """Return the values that plugins can read by name from `World`, such as ``mean_motion``. Empty by default."""
         return {}
 
 
 def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False) -> Kernel[..., None]:
-    """Return the compiled loop of a vehicle's row kernel over environments, bodies and physics steps.
+    """Return the compiled loop that applies a vehicle's row kernel to environments, bodies and physics steps.
 
         advance(*parameters, *arrays, [*traces,] control, masses, step_size, physics_steps, delta_v, time, step)
 

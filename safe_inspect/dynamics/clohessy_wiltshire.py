@@ -1,4 +1,4 @@
-"""`ClohessyWiltshire`: a point mass with thrust along the axes of Hill's frame, about a circular orbit."""
+"""`ClohessyWiltshire`: a point mass about a circular orbit, with thrust along the axes of Hill's frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from safe_inspect.units import PositiveAngularRate
 def clohessy_wiltshire_row(
     phi: FloatArray, gamma: FloatArray, position: FloatArray, velocity: FloatArray, control: FloatArray, mass: float
 ) -> float:
-    """Advance one body by the exact map under held thrust; see `Dynamics`."""
+    """Advance one body by the exact map for a held thrust; see `Dynamics`."""
     x, y, z = control[0] / mass, control[1] / mass, control[2] / mass
     before = (position[0], position[1], position[2], velocity[0], velocity[1], velocity[2])
     after = cwh_row(phi, gamma, before, x, y, z)
@@ -29,10 +29,10 @@ def clohessy_wiltshire_row(
 
 
 class ClohessyWiltshire(Dynamics):
-    """Relative motion about a circular orbit under held thrust, by its exact discrete map.
+    """Relative motion about a circular orbit under held thrust, computed with its exact discrete map.
 
-    ``x'' = 3 n^2 x + 2 n y' + u_x/m``, ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``, in Hill's frame.
-    Source: Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960.
+    ``x'' = 3 n^2 x + 2 n y' + u_x/m``, ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``, in Hill's frame. Source:
+    Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960.
 
     Attributes:
         mean_motion: Mean motion n of the chief's orbit [rad/s].
@@ -47,7 +47,7 @@ class ClohessyWiltshire(Dynamics):
         return transition(self.mean_motion, 1.0, step_size)
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: it is that motion."""
+        """Return no disturbance: the motion is exactly that of the Clohessy-Wiltshire equations."""
         return NO_DISTURBANCE
 
     def offers(self) -> Mapping[str, Any]:

@@ -1,7 +1,7 @@
 """Closed-form motion without thrust in CWH dynamics, compiled, one state at a time.
 
-Each function solves the same equations (Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous",
-J. Aerospace Sciences 27, 1960) for what its callers need, in an order of operations of its own.
+Each function solves the same equations (Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", J.
+Aerospace Sciences 27, 1960) for the quantities that its callers need, with its own order of operations.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.types import FloatArray
 
-#: Widest cell of the grid, as an angle of the orbit [rad]; the range squared holds no frequency above 2 n.
+#: Largest cell of the grid, as an angle of the orbit [rad]; the range squared contains no frequency above 2 n.
 CELL = 0.1
 _FEWEST_CELLS = 4
 _STEPS = 60
@@ -39,7 +39,7 @@ def coast(p: FloatArray, v: FloatArray, t: float, s: float, c: float, n: float) 
 
 @njit(error_model="numpy")
 def coasting_position(n: float, x: RowState, angle: float, cos: float, sin: float) -> tuple[float, float, float]:
-    """Return the position [m] after coasting through that angle n t, whose cosine and sine are given."""
+    """Return the position [m] after coasting through the orbit angle n t, given with its cosine and sine."""
     u, v, w = x[3] / n, x[4] / n, x[5] / n
     return (
         4.0 * x[0] + 2.0 * v - cos * (3.0 * x[0] + 2.0 * v) + sin * u,
@@ -50,7 +50,7 @@ def coasting_position(n: float, x: RowState, angle: float, cos: float, sin: floa
 
 @njit(error_model="numpy")
 def closed_motion_state(n: float, x: RowState, cos: float, sin: float) -> RowState:
-    """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle n t of that cosine and sine."""
+    """Return the state of the drift-free motion from x, v_y = -2 n x, after the angle n t with this cosine and sine."""
     px = cos * x[0] + sin * x[3] / n
     return (
         px,
@@ -69,7 +69,7 @@ def grid(n: float, horizon: float, cell: float = CELL) -> FloatArray:
     Args:
         n: Mean motion [rad/s].
         horizon: Span of the grid [s].
-        cell: Widest cell, as an angle of the orbit [rad].
+        cell: Largest cell, as an angle of the orbit [rad].
     """
     cells = max(_FEWEST_CELLS, math.ceil(n * horizon / cell))
     time = np.linspace(0.0, horizon, cells + 1)
@@ -80,7 +80,7 @@ def grid(n: float, horizon: float, cell: float = CELL) -> FloatArray:
 
 @njit
 def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n: float) -> float:
-    """Return the time in (low, high) at which the second derivative, of that sign at `high`, is zero; by bisection."""
+    """Return the zero of the second derivative in (low, high) by bisection; the derivative has this sign at `high`."""
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
         if sign * coast(p, v, middle, math.sin(n * middle), math.cos(n * middle), n)[8] < 0.0:
@@ -92,7 +92,7 @@ def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n:
 
 @njit
 def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float, sign: float) -> float:
-    """Return the time in (low, high) at which sign times the range stops falling; Newton's method, in the bracket."""
+    """Return the time in (low, high) at which sign times the range stops decreasing, by bracketed Newton iterations."""
     t = start
     for _ in range(_STEPS):
         now = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
@@ -122,7 +122,7 @@ def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> f
 
 @njit
 def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sign: float) -> float:
-    """Return the time over the grid's span at which sign times the range is least [s]; sign is 1 or -1."""
+    """Return the time over the grid's span at which sign times the range is smallest [s]; sign is 1 or -1."""
     a, f_a, g_a = 0.0, 0.0, 0.0
     best, best_f = 0.0, 0.0
     for k in range(table.shape[0]):
@@ -135,7 +135,7 @@ def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sig
             low, high = a, b
             found = f_a < 0.0 <= f_b
             if not found and f_a * f_b > 0.0 and f_a * g_a < 0.0 and f_b * g_b > 0.0:
-                # falling at both ends or rising at both: the tangents of the derivative say if it may turn between
+                # It falls at both ends or rises at both: the tangents of the derivative show if it may turn in between.
                 meet = (f_b - f_a + g_a * a - g_b * b) / (g_a - g_b)
                 if f_a * (f_a + g_a * (meet - a)) < 0.0:
                     meet = _turn(p, v, a, b, sign if g_b > 0.0 else -sign, n)
@@ -159,7 +159,7 @@ def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sig
 
 @njit
 def least_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
-    """Return the least range over the grid's span without thrust [m].
+    """Return the smallest range over the grid's span without thrust [m].
 
     Args:
         p: Position in Hill's frame [m], shape (3,).
@@ -173,6 +173,6 @@ def least_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: flo
 
 @njit
 def largest_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
-    """Return the largest range over the grid's span without thrust [m]; arguments as `least_coasting_range`."""
+    """Return the largest range over the grid's span without thrust [m]; arguments as for `least_coasting_range`."""
     t = _extreme_time(p, v, table, n, -1.0)
     return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])

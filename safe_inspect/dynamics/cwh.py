@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-# Below this angle [rad] the series of (x - sin x)/x^3 is more accurate than its difference.
+# Below this angle [rad] the series of (x - sin x)/x^3 is more accurate than the difference.
 _SERIES_ANGLE = 1.0
 _SERIES_TERMS = 10
 
@@ -20,7 +20,7 @@ def system_matrices(mean_motion: float, mass: float) -> tuple[FloatArray, FloatA
     ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``.
 
     Args:
-        mean_motion: Mean motion n of the chief's circular orbit [rad/s]; 0 is free space.
+        mean_motion: Mean motion n of the chief's circular orbit [rad/s]; 0 means free space.
         mass: Mass m of the deputy [kg].
 
     Returns:
@@ -28,7 +28,7 @@ def system_matrices(mean_motion: float, mass: float) -> tuple[FloatArray, FloatA
         relative to the chief in Hill's frame; the control is a force [N].
 
     Raises:
-        ValueError: If the mean motion is negative, the mass is not positive, or one is not finite.
+        ValueError: The mean motion is negative, the mass is not positive, or one of them is not finite.
 
     Source:
         Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960.
@@ -49,21 +49,21 @@ def system_matrices(mean_motion: float, mass: float) -> tuple[FloatArray, FloatA
 def transition(mean_motion: float, mass: float, step: float) -> tuple[FloatArray, FloatArray]:
     """Return Phi and Gamma of the exact map ``state(t + step) = Phi state(t) + Gamma control``.
 
-    The control is held over the step (zero-order hold), so that Phi = exp(A step) and Gamma is the integral of
-    exp(A tau) B over the step. Both are evaluated in closed form, written so that a short step subtracts no two
-    nearly equal numbers: each entry is then right to a few units of its own last place, where a numerical
-    matrix exponential is right only relative to the largest entry.
+    The control is held over the step (zero-order hold), so that Phi = exp(A step) and Gamma is the integral of exp(A
+    tau) B over the step. Both are evaluated in closed form, written so that a short step does not subtract nearly equal
+    numbers: each entry is then accurate to a few units in its last place, whereas a numerical matrix exponential is
+    accurate only relative to the largest entry.
 
     Args:
-        mean_motion: Mean motion of the chief's orbit [rad/s]; 0 is free space.
+        mean_motion: Mean motion of the chief's orbit [rad/s]; 0 means free space.
         mass: Mass of the deputy [kg].
-        step: Length of the step [s]; a negative one goes back in time.
+        step: Length of the step [s]; a negative step goes back in time.
 
     Returns:
         Phi, shape (6, 6), and Gamma, shape (6, 3), for SI states in Hill's frame and forces in newtons.
 
     Raises:
-        ValueError: If the mean motion is negative, the mass is not positive, or an argument is not finite.
+        ValueError: The mean motion is negative, the mass is not positive, or an argument is not finite.
 
     Source:
         Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960; Gamma by integration.
@@ -119,7 +119,7 @@ def _ratios(angle: float) -> tuple[float, float, float]:
     if abs(angle) >= _SERIES_ANGLE:
         return f1, f2, (angle - math.sin(angle)) / angle**3
     f3 = 0.0
-    for k in reversed(range(_SERIES_TERMS)):  # the small terms first
+    for k in reversed(range(_SERIES_TERMS)):  # small terms first, for accuracy
         f3 += (-1.0) ** k * angle ** (2 * k) / math.factorial(2 * k + 3)
     return f1, f2, f3
 

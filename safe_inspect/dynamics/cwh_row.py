@@ -1,4 +1,4 @@
-"""The map of one step of one spacecraft in CWH dynamics, compiled: every propagation of the package is this row."""
+"""The map of one step of one spacecraft in CWH dynamics, compiled; every propagation in the package uses this row."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ RowState = tuple[float, float, float, float, float, float]
 def cwh_row(phi: FloatArray, gamma: FloatArray, x: RowState, ax: float, ay: float, az: float) -> RowState:
     """Return ``phi x + gamma [ax, ay, az]``, without the elements of the two matrices that are always zero.
 
-    The sums run in one fixed order, so that a row gives the same bits wherever it is computed.
+    The sums are evaluated in one fixed order, so that a row gives bit-identical results wherever it is computed.
 
     Args:
         phi: Transition matrix, shape (6, 6); see `safe_inspect.dynamics.cwh.transition`.
-        gamma: Input matrix, shape (6, 3); of a body of 1 kg for accelerations.
+        gamma: Input matrix, shape (6, 3); for accelerations, that of a body of 1 kg.
         x: The state before the step.
-        ax: Acceleration [m/s^2], or thrust [N] with the body's own input matrix, held over the step, along x.
+        ax: Acceleration along x held over the step [m/s^2], or thrust [N] with the body's own input matrix.
         ay: The same along y.
         az: The same along z.
     """

@@ -13,7 +13,7 @@ from safe_inspect.types import FloatArray
 def double_integrator_row(
     step_size: float, position: FloatArray, velocity: FloatArray, control: FloatArray, mass: float
 ) -> float:
-    """Advance one body by the exact map under held thrust; see `Dynamics`."""
+    """Advance one body by the exact map for a held thrust; see `Dynamics`."""
     rate = 0.0
     for k in range(3):
         acceleration = control[k] / mass
@@ -26,7 +26,7 @@ def double_integrator_row(
 class DoubleIntegrator(Dynamics):
     """A point mass in free space under held thrust, ``p'' = u / m``, by its exact discrete map; inertial axes.
 
-    Without an orbit it offers no mean motion, so the safety filters for Clohessy-Wiltshire dynamics are refused.
+    There is no orbit and no mean motion, so safety filters for Clohessy-Wiltshire dynamics are rejected.
     """
 
     row: ClassVar[Kernel[..., float]] = double_integrator_row

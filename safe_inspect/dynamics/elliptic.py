@@ -1,6 +1,6 @@
-"""Elliptic functions and integrals that stay exact where the modulus goes to one.
+"""Elliptic functions and integrals that remain accurate as the modulus approaches one.
 
-All take the complementary parameter m1 = 1 - m, which near one keeps the digits that m has lost.
+All functions take the complementary parameter m1 = 1 - m, which near m = 1 retains the digits that m loses.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-_LEVELS = 10  # of the arithmetic-geometric mean, which doubles its digits at each: enough for m1 = 1e-30
+_LEVELS = 10  # of the arithmetic-geometric mean; each doubles the correct digits: enough for m1 = 1e-30
 
 
 def complete_first(m1: FloatArray) -> FloatArray:
@@ -23,11 +23,11 @@ def complete_first(m1: FloatArray) -> FloatArray:
 def amplitude(u: FloatArray, m1: FloatArray) -> FloatArray:
     """Return Jacobi's amplitude am(u | 1 - m1) by the descending Landen transformation.
 
-    The arcsine of the textbook's recursion is replaced by an arctangent, which is exact at the turning points.
+    The arcsine of the textbook recursion is replaced by an arctangent, which is accurate at the turning points.
 
     Args:
         u: Arguments, any size.
-        m1: Complementary parameters in (0, 1], to be broadcast with u.
+        m1: Complementary parameters in (0, 1], broadcast with u.
     """
     a, b = np.ones_like(m1), np.sqrt(m1)
     levels = []
@@ -52,7 +52,7 @@ def incomplete_first(phi: FloatArray, m1: FloatArray) -> FloatArray:
 
 
 def incomplete_third(nu: FloatArray, phi: FloatArray, m1: FloatArray) -> FloatArray:
-    """Return the integral of 1 / ((1 + nu sin^2) sqrt(1 - m sin^2)) from 0 to phi, any phi, nu >= 0.
+    """Return the integral of 1 / ((1 + nu sin^2) sqrt(1 - m sin^2)) from 0 to phi, for any phi and nu >= 0.
 
     ``s R_F(c^2, d^2, 1) - nu / 3 s^3 R_J(c^2, d^2, 1, 1 + nu s^2)``, d^2 = c^2 + m1 s^2. Source: Carlson, "Computing
     elliptic integrals by duplication", Numerische Mathematik 33, 1979.

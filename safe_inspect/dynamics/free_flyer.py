@@ -1,4 +1,4 @@
-"""`FreeFlyer`: a rigid body with thrusters that are fixed in it, in axes that do not turn."""
+"""`FreeFlyer`: a rigid body with body-fixed thrusters, in axes that do not turn."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from safe_inspect.units import NonNegativeAngularRate, NonNegativeDuration, Posi
 
 
 class FreeFlight(NamedTuple):
-    """What a step needs.
+    """Parameters of a step.
 
     Attributes:
         phi: Transition matrix of the step in Hill's frame, shape (6, 6).
-        gamma: Input matrix of 1 kg, shape (6, 3).
+        gamma: Input matrix for 1 kg, shape (6, 3).
         inertia: Principal moments of inertia [kg m^2].
-        share: Share of the difference to the control that the actuators make up in the step.
+        share: Fraction of the difference between control and wrench that the actuators remove in the step.
         mean_motion: Mean motion of the orbit [rad/s].
-        step_size: The step [s].
+        step_size: Length of the step [s].
     """
 
     phi: FloatArray
@@ -58,7 +58,7 @@ def free_flyer_row(
     second = rotated((after[0], after[1], after[2], after[3]), wrench[0], wrench[1], wrench[2])
     half = 0.5 / mass
     ax, ay, az = half * (first[0] + second[0]), half * (first[1] + second[1]), half * (first[2] + second[2])
-    # Into Hill's frame, and back: x turns with the orbit.
+    # The position is advanced in Hill's frame, whose x axis turns with the orbit, and rotated back.
     n, angle, turn = flight.mean_motion, orbit_angle[0], flight.mean_motion * flight.step_size
     c, s = math.cos(angle), math.sin(angle)
     p, v = position, velocity
@@ -80,24 +80,25 @@ def free_flyer_row(
 
 
 class FreeFlyer(Dynamics):
-    """A rigid body under forces and torques along its own axes, in axes W that do not turn, about a point in free fall.
+    """A rigid body about a point in free fall, under forces and torques along its own axes, in axes W that do not turn.
 
     ``p'' = R(q) F / m + tide``, ``q' = q [w, 0] / 2``, ``J w' = M - w x J w``, with q = q_WB and w in body axes. The
-    control is F in newtons, then M in newton metres, along the body's axes; ``wrench`` is what acts of it, which
-    follows with the lag T: ``wrench' = (control - wrench) / T``. On an orbit W agrees with Hill's frame at time zero
-    (x radially outwards, y along the orbit), ``orbit_angle`` is how far Hill's frame has turned since, and the tide
-    is ``n^2 (3 (e . p) e - p)`` with e radially outwards: the motion of Clohessy and Wiltshire, in inertial axes.
-    Translation is exact for a held force, rotation a step of the classical Runge-Kutta method. It offers no
-    ``mean_motion``, so safety filters for Clohessy-Wiltshire dynamics are refused. Source: Clohessy and Wiltshire,
-    "Terminal guidance system for satellite rendezvous", 1960; Markley and Crassidis, "Fundamentals of Spacecraft
-    Attitude Determination and Control", Springer 2014, chapter 3.
+    control is F in newtons, then M in newton metres, along the body's axes. ``wrench`` is the control that acts on the
+    body; it follows the commanded control with the lag T: ``wrench' = (control - wrench) / T``. On an orbit, W
+    coincides with Hill's frame at time zero (x radially outwards, y along the orbit), ``orbit_angle`` is the angle by
+    which Hill's frame has turned since, and the tide is ``n^2 (3 (e . p) e - p)`` with e radially outwards: the motion
+    of Clohessy and Wiltshire, in inertial axes. Translation is exact for a held force; rotation is a step of the
+    classical Runge-Kutta method. The dynamics provide no ``mean_motion`` to plugins, so safety filters for
+    Clohessy-Wiltshire dynamics are rejected. Source: Clohessy and Wiltshire, "Terminal guidance system for satellite
+    rendezvous", 1960; Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", Springer
+    2014, chapter 3.
 
     Attributes:
         inertia: Principal moments of inertia J along the body's axes [kg m^2].
-        lag: Time constant of the actuators [s]; 0 follows at once.
+        lag: Time constant of the actuators [s]; with 0 they follow at once.
         mean_motion: Mean motion n of the orbit of the origin [rad/s]; 0 for free space.
-        keeps_trace: Whether the simulation keeps the arrays after every physics step, for sensors that measure in
-            between the steps of the agents.
+        keeps_trace: Whether the simulation stores the arrays after every physics step, for sensors that measure between
+            the steps of the agents.
     """
 
     row: ClassVar[Kernel[..., float]] = free_flyer_row
@@ -122,20 +123,20 @@ class FreeFlyer(Dynamics):
 
     @property
     def traced(self) -> bool:
-        """Whether the trace is kept."""
+        """Whether the trace is stored."""
         return self.keeps_trace
 
     @property
     def turns_thrust(self) -> bool:
-        """Whether thrust turns with the body."""
+        """Whether the thrust turns with the body; always true."""
         return True
 
     def __call__(self, step_size: float) -> tuple[Any, ...]:
-        """Return what a step needs."""
+        """Return the parameters of a step."""
         phi, gamma = transition(self.mean_motion, 1.0, step_size)
         share = 1.0 if self.lag == 0.0 else -math.expm1(-step_size / self.lag)
         return (FreeFlight(phi, gamma, self.inertia, share, self.mean_motion, step_size),)
 
     def initial(self) -> Mapping[str, Sequence[float]]:
-        """Return the attitude of a body along the axes of W."""
+        """Return the attitude of a body that is aligned with the axes of W."""
         return {"orientation": (0.0, 0.0, 0.0, 1.0)}

@@ -1,4 +1,4 @@
-"""The linear map of one step over rows of spacecraft, compiled."""
+"""The linear map of one step for rows of spacecraft, compiled."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ def propagate(
     position_out: FloatArray,
     velocity_out: FloatArray,
 ) -> None:
-    """Write ``phi [position, velocity] + gamma control`` of each row.
+    """Write ``phi [position, velocity] + gamma control`` for each row.
 
-    The sums run in one fixed order, row by row, so a row's result is the same to the bit in a batch of any size;
-    a BLAS product is not. The outputs may be the inputs themselves (the step is then done in place).
+    The sums are evaluated in one fixed order, row by row, so the result of a row is bit-identical in a batch of any
+    size; this is not the case for a BLAS product. The outputs may be the inputs themselves (the step is then done in
+    place).
 
     Args:
         position: Positions [m], Hill frame, shape (R, 3).
@@ -28,8 +29,8 @@ def propagate(
         control: Thrusts held over the step [N], shape (R, 3).
         phi: Transition matrix, shape (6, 6); see `safe_inspect.dynamics.cwh.transition`.
         gamma: Input matrix, shape (6, 3).
-        position_out: Receives the positions after the step [m], shape (R, 3).
-        velocity_out: Receives the velocities after the step [m/s], shape (R, 3).
+        position_out: Output: the positions after the step [m], shape (R, 3).
+        velocity_out: Output: the velocities after the step [m/s], shape (R, 3).
     """
     for row in range(position.shape[0]):
         p, v, u = position[row], velocity[row], control[row]

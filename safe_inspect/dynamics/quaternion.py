@@ -1,8 +1,8 @@
 """Quaternions [x, y, z, w] in Hamilton's convention, R(p q) = R(p) R(q), over the last axis of arrays.
 
-All products are written out by components: a row gives the same bits in a batch of any size. Source: Markley and
-Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", Springer 2014, chapter 2 (with the opposite
-convention of the product).
+All products are written out by components, so that a row gives bit-identical results in a batch of any size. Source:
+Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", Springer 2014, chapter 2 (with
+the opposite convention of the product).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
 
-#: The row's arithmetic in Python, which takes whole arrays as components too.
+#: The row's arithmetic in Python, which also accepts whole arrays as components.
 _rotated: Any = rotated.__wrapped__  # type: ignore[attr-defined]
 
 
@@ -39,7 +39,7 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def conjugate(q: FloatArray) -> FloatArray:
-    """Return the conjugates, the inverses of unit quaternions, shape (..., 4)."""
+    """Return the conjugates, shape (..., 4), which are the inverses of unit quaternions."""
     return np.asarray(q * np.array([-1.0, -1.0, -1.0, 1.0]))
 
 
@@ -68,8 +68,8 @@ def to_matrix(q: FloatArray) -> FloatArray:
 def from_matrix(matrix: FloatArray) -> FloatArray:
     """Return unit quaternions of rotation matrices, of either sign, shape (..., 4).
 
-    Of the four expressions for a multiple of the quaternion the longest is taken (Shepperd 1978), so that none is lost
-    to cancellation.
+    Of the four expressions for a multiple of the quaternion, the longest is used (Shepperd 1978), to avoid
+    cancellation.
 
     Args:
         matrix: Rotation matrices, shape (..., 3, 3).
@@ -103,7 +103,7 @@ def exp(rotation: FloatArray) -> FloatArray:
 
 
 def log(q: FloatArray) -> FloatArray:
-    """Return the rotation vectors of unit quaternions [rad], at most pi long, shape (..., 3).
+    """Return the rotation vectors of unit quaternions [rad], of length at most pi, shape (..., 3).
 
     Args:
         q: Unit quaternions, shape (..., 4); q and -q give the same vector.
@@ -128,16 +128,16 @@ def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def rotate_back(q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return R(q)^T v, shape (..., 3); arguments as `rotate`."""
+    """Return R(q)^T v, shape (..., 3); arguments as for `rotate`."""
     return rotate(conjugate(q), v)
 
 
 def continuous(q: FloatArray, first: FloatArray) -> FloatArray:
-    """Return quaternions with signs such that each one is nearer to the one before it than its opposite.
+    """Return the quaternions with signs chosen so that each is closer to its predecessor than its negative is.
 
     Args:
         q: Unit quaternions of successive times, shape (n, k, 4).
-        first: The quaternions that the first of each row follows, shape (n, 4).
+        first: The quaternions that precede the first of each row, shape (n, 4).
     """
     before = np.concatenate((first[:, None], q[:, :-1]), axis=1)
     product = q * before

@@ -10,7 +10,7 @@ from safe_inspect.types import FloatArray
 def regulator(phi: FloatArray, gamma: FloatArray, state_weights: FloatArray, control_weights: FloatArray) -> FloatArray:
     """Return the gain K of ``u = -K x`` that minimises the sum of ``x'Qx + u'Ru`` along ``x' = phi x + gamma u``.
 
-    With P of the discrete algebraic Riccati equation, ``K = (R + gamma' P gamma)^-1 gamma' P phi``.
+    With the solution P of the discrete algebraic Riccati equation, ``K = (R + gamma' P gamma)^-1 gamma' P phi``.
 
     Args:
         phi: Map of the state over one step, shape (n, n).

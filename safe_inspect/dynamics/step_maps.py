@@ -1,4 +1,4 @@
-"""`StepMaps`: coasting and thrusting arcs of a body of 1 kg in closed form, any number of steps at once."""
+"""`StepMaps`: closed-form maps of coasting and thrusting arcs of a body of 1 kg, for any number of steps at once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from safe_inspect.types import FloatArray
 
 
 class StepMaps(NamedTuple):
-    """The maps of 0, 1, ..., J steps; read only.
+    """The maps of 0, 1, ..., J steps; read-only.
 
     Attributes:
         phi: Transition matrices, shape (J + 1, 6, 6).
-        gamma: Input matrices of a thrust that is held all the while, of a body of 1 kg, shape (J + 1, 6, 3).
+        gamma: Input matrices, for a body of 1 kg, of a thrust that is held during all steps, shape (J + 1, 6, 3).
         step_size: Length of a step [s].
     """
 
@@ -29,7 +29,7 @@ class StepMaps(NamedTuple):
 
 @lru_cache(maxsize=8)
 def step_maps(mean_motion: float, step_size: float, steps: int) -> StepMaps:
-    """Return the maps of up to `steps` steps.
+    """Return the maps of 0 to `steps` steps.
 
     Args:
         mean_motion: Mean motion of the chief's orbit [rad/s].
@@ -48,10 +48,10 @@ def advance_steps(maps: StepMaps, steps: int, state: FloatArray, acceleration: F
 
     Args:
         maps: The maps.
-        steps: How many steps.
+        steps: Number of steps.
         state: Position [m] and velocity [m/s], Hill frame, shape (6,).
-        acceleration: Thrust over mass, held all the while [m/s^2], shape (3,).
-        after: Receives position and velocity, shape (6,).
+        acceleration: Thrust divided by mass, held during all steps [m/s^2], shape (3,).
+        after: Output: position and velocity, shape (6,).
     """
     x = (state[0], state[1], state[2], state[3], state[4], state[5])
     row = cwh_row(maps.phi[steps], maps.gamma[steps], x, acceleration[0], acceleration[1], acceleration[2])

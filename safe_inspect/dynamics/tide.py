@@ -1,12 +1,12 @@
-"""Relative motion about a circular orbit in axes that do not turn: gravity's tide.
+"""Relative motion about a circular orbit in axes that do not turn: the tide of gravity.
 
-The axes of W are fixed in inertial space, agree with those of Hill's frame (x radially outwards, y along the orbit, z
-normal to it) at time zero, and have their origin at the target. There a chaser obeys
+The axes of W are fixed in inertial space, coincide with those of Hill's frame (x radially outwards, y along the orbit,
+z normal to it) at time zero, and have their origin at the target. There a chaser obeys
 
 ``p'' = n^2 (3 (e . p) e - p) + f / m``, with ``e = (cos nt, sin nt, 0)``,
 
-which are the equations of Clohessy, Wiltshire and Hill without the terms of a turning frame: a body without torque
-keeps its closed form. See `cwh` for the same motion in Hill's frame.
+which are the equations of Clohessy, Wiltshire and Hill without the terms of a rotating frame: the attitude of a body
+without torque retains its closed form. See `cwh` for the same motion in Hill's frame.
 """
 
 from __future__ import annotations

@@ -1,16 +1,17 @@
-"""Torque-free rotation in closed form, over batches of bodies and times.
+"""Torque-free rotation in closed form, for batches of bodies and times.
 
 Moments J1 <= J2 <= J3 in the principal axes T, attitude q_WT. With 2T = w.Jw and L = |Jw|, the polhode encircles axis 3
-where D2 = L^2 - 2T J2 >= 0 (case A) and axis 1 otherwise (case B). Jacobi's functions of u = p t + F(phi0 | m) give the
+if D2 = L^2 - 2T J2 >= 0 (case A) and axis 1 otherwise (case B). Jacobi's functions of u = p t + F(phi0 | m) give the
 angular velocity, and with b1 along e_c x h, h = Jw / L, and F = [b1, h x b1, h],
 
     R_WT(t) = R_WT(0) F(0) Rz(psi) F(t)^T,      psi' = L (2T - J_c w_c^2) / (L^2 - J_c^2 w_c^2)
 
-c being the axis whose rate goes as cn: it never meets the angular momentum, so psi has no pole. Sources: Landau and
-Lifshitz, "Mechanics", section 37; Carlson, "Computing elliptic integrals by duplication", Numer. Math. 33, 1979.
+where c is the axis whose rate is proportional to cn: it is never parallel to the angular momentum, so psi has no pole.
+Sources: Landau and Lifshitz, "Mechanics", section 37; Carlson, "Computing elliptic integrals by duplication", Numer.
+Math. 33, 1979.
 
-The attitude is exact to about 1e-15 L / (J p) rad: a body whose angular velocity hardly moves in T within an hour has
-fewer digits (1e-8 rad), and so has one that spins about axis 2 to 1e-11 of its rate (5e-6 rad).
+The attitude is accurate to about 1e-15 L / (J p) rad: the accuracy is lower for a body whose angular velocity hardly
+moves in T within an hour (1e-8 rad), and for one that spins about axis 2 to within 1e-11 of its rate (5e-6 rad).
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ from safe_inspect.dynamics.quaternion import continuous, exp, from_matrix, multi
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 _STEADY = 1e-13  # |w x Jw| / (|w| L) below which the angular velocity is constant
-_LEAST_M1 = 1e-30  # on the separatrix itself the period is infinite; this one is long enough
+_LEAST_M1 = 1e-30  # on the separatrix itself the period is infinite; with this value it is long enough
 
 
 class TumbleKind(NamedTuple):
-    """How bodies tumble.
+    """Kind of the tumbling motion of bodies.
 
     Attributes:
-        axis: The axis that the polhode encircles, 1 or 3; 0 where the angular velocity is constant, shape (n,).
-        period: Period of the angular velocity in T [s]; infinite where it is constant, shape (n,).
-        extent: Largest angle between angular velocity and that axis [rad]; 0 where it is constant, shape (n,).
+        axis: The axis that the polhode encircles, 1 or 3; 0 if the angular velocity is constant, shape (n,).
+        period: Period of the angular velocity in T [s]; infinite if it is constant, shape (n,).
+        extent: Largest angle between angular velocity and that axis [rad]; 0 if it is constant, shape (n,).
     """
 
     axis: IntArray
@@ -42,11 +43,11 @@ class TumbleKind(NamedTuple):
 
 
 class _Polhode(NamedTuple):
-    """The constants of rows of bodies, shape (n,) each; c is the axis of cn, d that of dn."""
+    """Constants of rows of bodies, shape (n,) each; c is the axis of cn, d that of dn."""
 
     steady: BoolArray
     about3: BoolArray
-    amplitudes: FloatArray  # (n, 3), of cn, sn and dn along the axes 1 to 3
+    amplitudes: FloatArray  # (n, 3), amplitudes of cn, sn and dn along the axes 1 to 3
     sign: FloatArray
     rate: FloatArray  # p [1/s]
     m1: FloatArray  # 1 - m
@@ -64,7 +65,7 @@ def _polhode(inertia: FloatArray, angular_velocity: FloatArray) -> _Polhode:
     c1, c2, c3 = (j3 - j2) * w2 * w3, (j1 - j3) * w3 * w1, (j2 - j1) * w1 * w2
     speed = np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
     steady = np.sqrt(c1 * c1 + c2 * c2 + c3 * c3) <= _STEADY * speed * momentum
-    with np.errstate(divide="ignore", invalid="ignore"):  # rows that are steady divide by zero, and are not used
+    with np.errstate(divide="ignore", invalid="ignore"):  # steady rows divide by zero; their values are not used
         d1 = j2 * (j2 - j1) * w2**2 + j3 * (j3 - j1) * w3**2
         d2 = j1 * (j1 - j2) * w1**2 + j3 * (j3 - j2) * w3**2
         d3 = j1 * (j3 - j1) * w1**2 + j2 * (j3 - j2) * w2**2
@@ -104,7 +105,7 @@ def _checked(inertia: FloatArray, rows: int) -> FloatArray:
     if not (np.isfinite(inertia).all() and (j1 > 0.0).all() and (j1 <= j2).all() and (j2 <= j3).all()):
         raise ValueError("tumble: the inertia must be positive and ordered, J1 <= J2 <= J3")
     if (j1 + j2 < j3 * (1.0 - 1e-12)).any():
-        raise ValueError("tumble: no body has principal moments with J1 + J2 < J3")
+        raise ValueError("tumble: the principal moments of a body cannot have J1 + J2 < J3")
     return inertia
 
 
@@ -114,7 +115,7 @@ def tumble(
     """Return attitudes and angular velocities of torque-free bodies.
 
     Args:
-        inertia: Principal moments J1 <= J2 <= J3, up to one factor a body, shape (n, 3) or (3,).
+        inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         orientation: Attitudes q_WT at time zero, shape (n, 4).
         angular_velocity: Angular velocities in T at time zero [rad/s], shape (n, 3).
         times: Times [s], of any sign, shape (k,).
@@ -123,7 +124,7 @@ def tumble(
         Attitudes q_WT, of continuous sign, shape (n, k, 4), and angular velocities in T [rad/s], shape (n, k, 3).
 
     Raises:
-        ValueError: The moments are not those of a rigid body, or not in this order.
+        ValueError: The moments are not those of a rigid body, or are not in this order.
     """
     angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
     inertia = _checked(inertia, len(angular_velocity))
@@ -149,7 +150,7 @@ def tumble(
 
 
 def _rates(rows: _Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return angular velocities (n, k, 3), Jacobi's amplitudes (n, k), and those at time zero (n, 1)."""
+    """Return angular velocities (n, k, 3), Jacobi's amplitudes (n, k), and the amplitudes at time zero (n, 1)."""
     m1, sign, about3 = rows.m1[:, None], rows.sign[:, None], rows.about3[:, None]
     phi0 = rows.phi0[:, None]
     phi = amplitude(rows.rate[:, None] * times + incomplete_first(phi0, m1), m1)
@@ -161,10 +162,10 @@ def _rates(rows: _Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, F
 
 
 def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
-    """Return about which axis bodies tumble, with what period, and how far they swing.
+    """Return the axis about which bodies tumble, the period, and the amplitude of the motion.
 
     Args:
-        inertia: Principal moments J1 <= J2 <= J3, up to one factor a body, shape (n, 3) or (3,).
+        inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
     angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
@@ -188,7 +189,7 @@ def largest_rate(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArra
     Along a polhode ``|w|^2`` is linear in sn^2, so it is largest where sn is 0 or 1.
 
     Args:
-        inertia: Principal moments J1 <= J2 <= J3, up to one factor a body, shape (n, 3) or (3,).
+        inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
     angular_velocity = np.asarray(angular_velocity, dtype=np.float64)

@@ -1,1 +1,1 @@
-"""The chief's sphere of points: where they are, which are seen and lit, and how they cluster."""
+"""Geometry: the chief's sphere of points, which of them are visible and lit, how they cluster, and other shapes."""

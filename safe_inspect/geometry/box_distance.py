@@ -1,4 +1,4 @@
-"""Signed distance of one point to a union of oriented boxes, compiled; `oriented_boxes` does the same over batches."""
+"""Signed distance of one point to a union of oriented boxes, compiled; `oriented_boxes` computes it for batches."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from safe_inspect.types import FloatArray
 
 
 class BoxArrays(NamedTuple):
-    """The arrays of `OrientedBoxes`, as a kernel takes them.
+    """The arrays of `OrientedBoxes`, in the form that kernels use.
 
     Attributes:
         centre: Centres [m], shape (B, 3).
         half_size: Half sizes along the boxes' own axes [m], shape (B, 3).
-        rotation: Takes coordinates along a box's axes to the common frame, shape (B, 3, 3).
+        rotation: Rotations from a box's axes to the common frame, shape (B, 3, 3).
     """
 
     centre: FloatArray
@@ -25,7 +25,7 @@ class BoxArrays(NamedTuple):
 
 @njit
 def box_distance(boxes: BoxArrays, x: float, y: float, z: float) -> float:
-    """Return the least signed distance to the boxes [m], negative inside; see `OrientedBoxes.distance`.
+    """Return the smallest signed distance to the boxes [m], negative inside; see `OrientedBoxes.distance`.
 
     Args:
         boxes: The boxes.

@@ -1,6 +1,6 @@
 """Clusters of the points that are left to inspect: K-means from the previous centres, compiled, row by row.
 
-Every row is computed by itself and in one fixed order, so its result is the same to the bit in a batch of any size.
+Every row is computed separately and in one fixed order, so its result is bit-identical in a batch of any size.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ __all__ = ["Clusters", "KMeansRule", "RowDraws", "cluster", "cluster_sklearn", "
 
 
 class Clusters(NamedTuple):
-    """What is kept of R rows between two calls; read and written.
+    """Data of R rows that are stored between two calls; read and written.
 
     Attributes:
         centres: Centres [m], shape (R, K, 3). See `start_centres`.
-        num_centres: How many centres a row has, shape (R,). Set to 0 to start anew.
+        num_centres: Number of centres of each row, shape (R,). Set it to 0 to restart.
         candidates: Candidates of the last call, shape (R, P).
-        settled: Whether the last call converged, shape (R,). Set to False to start anew.
+        settled: Whether the last call converged, shape (R,). Set it to False to restart.
     """
 
     centres: FloatArray
@@ -34,14 +34,14 @@ class Clusters(NamedTuple):
 
 
 class RowDraws(NamedTuple):
-    """Where the random draws of rows come from: the key, uint64, and the number of the step of each, shape (R,)."""
+    """Source of the rows' random draws: the key, uint64, and the number of the step of each row, shape (R,)."""
 
     key: NDArray[np.uint64]
     step: IntArray
 
 
 class KMeansRule(NamedTuple):
-    """Candidates per cluster, at least 1, and most of Lloyd's iterations in a call."""
+    """Candidates per cluster, at least 1, and the maximum number of Lloyd's iterations in a call."""
 
     points_per_cluster: int
     max_iterations: int
@@ -57,7 +57,7 @@ def max_clusters(num_points: int, points_per_cluster: int) -> int:
 
 @njit
 def _gather(points: FloatArray, candidates: BoolArray, chosen: IntArray) -> int:
-    """Write the indices of a row's candidates, in order, and return how many there are."""
+    """Write the indices of a row's candidates, in order, and return their number."""
     total = 0
     for p in range(points.shape[0]):
         chosen[total] = p
@@ -69,7 +69,7 @@ def _gather(points: FloatArray, candidates: BoolArray, chosen: IntArray) -> int:
 def _start(
     points: FloatArray, chosen: IntArray, centres: FloatArray, have: int, want: int, key: np.uint64, step: int
 ) -> None:
-    """Cut or grow a row's centres from `have` to `want`; see `start_centres`."""
+    """Remove or add centres of a row to change their number from `have` to `want`; see `start_centres`."""
     for j in range(want, centres.shape[0]):
         for k in range(3):
             centres[j, k] = 0.0
@@ -94,26 +94,26 @@ def start_centres(
     step: IntArray,
     points_per_cluster: int,
 ) -> None:
-    """Bring each row's centres to one for every `points_per_cluster` candidates, rounded up.
+    """Set the number of each row's centres to one for every `points_per_cluster` candidates, rounded up.
 
-    Centres in excess are dropped from the end; missing ones are candidates drawn at random, distinct among
-    those added. The draw is a pure function of (key, step, how many were drawn before it).
+    Excess centres are removed from the end. Missing ones are candidates drawn at random, distinct among those added.
+    The draw depends only on the key, the step and the number of centres drawn before it.
 
     Args:
         points: Points on the chief [m], shape (P, 3).
         candidates: Points to cluster, shape (N, P).
-        centres: Centres [m], shape (N, K, 3) with K at least ceil(P / points_per_cluster); read and written.
-            Those beyond the count are set to 0.
-        count: How many centres a row has, shape (N,); read and written.
-        key: Key of a row's random draws, shape (N,).
-        step: Number of a row's step, shape (N,).
+        centres: Centres [m], shape (N, K, 3) with K at least ceil(P / points_per_cluster); read and written. Those
+            beyond the count are set to 0.
+        count: Number of centres of each row, shape (N,); read and written.
+        key: Key of each row's random draws, shape (N,).
+        step: Number of each row's step, shape (N,).
         points_per_cluster: Candidates per cluster, at least 1.
 
     Raises:
-        ValueError: If `centres` is too small or `points_per_cluster` is not positive.
+        ValueError: `centres` is too small or `points_per_cluster` is not positive.
     """
     if centres.shape[1] < max_clusters(points.shape[0], points_per_cluster):
-        raise ValueError("centres has less than ceil(P / points_per_cluster) places")
+        raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
     chosen = np.empty(points.shape[0] + 1, dtype=np.int64)
     for row in range(candidates.shape[0]):
         total = _gather(points, candidates[row], chosen)
@@ -126,10 +126,10 @@ def start_centres(
 def _fill_empty(
     own: FloatArray, label: IntArray, distance: FloatArray, total: int, sums: FloatArray, weight: IntArray, k: int
 ) -> None:
-    """Give each empty cluster the point farthest from its centre, taken out of the cluster that had it.
+    """Move to each empty cluster the point that is farthest from its centre, and remove it from its previous cluster.
 
-    The points are fixed before the first is moved, one for each empty cluster, farthest first; labels stay. When no
-    point lies off its centre there is nothing to gain and nothing moves.
+    The points, one for each empty cluster and farthest first, are chosen before the first is moved; the labels do not
+    change. If every point is at its centre, nothing can be improved and nothing is moved.
     """
     vacant, far, count = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64), 0
     for j in range(k):
@@ -155,11 +155,11 @@ def _fill_empty(
 
 @njit
 def _assign(own: FloatArray, total: int, centres: FloatArray, k: int, label: IntArray, distance: FloatArray) -> None:
-    """Write each point's nearest centre (the first of equals) and its squared distance."""
+    """Write the nearest centre of each point (the first one in a tie) and its squared distance."""
     x, y, z = own[0], own[1], own[2]
     for j in range(k):
         cx, cy, cz = centres[j, 0], centres[j, 1], centres[j, 2]
-        for m in range(total):  # without a branch, so that the compiler works on several points at once
+        for m in range(total):  # without a branch, so that the compiler can vectorise the loop
             squared = (x[m] - cx) ** 2 + (y[m] - cy) ** 2 + (z[m] - cz) ** 2
             nearer = (j == 0) | (squared < distance[m])
             distance[m] = squared if nearer else distance[m]
@@ -193,7 +193,7 @@ def _average(own: FloatArray, total: int, label: IntArray, distance: FloatArray,
         for j in range(k):
             largest = j if weight[j] > weight[largest] else largest
         for j in range(k):
-            if weight[j] == 0:  # a cluster of one that gave its point away waits beside the largest one
+            if weight[j] == 0:  # a cluster that lost its only point gets the centre of the largest one
                 for axis in range(3):
                     centres[j, axis] = centres[largest, axis]
     return vacant
@@ -216,7 +216,7 @@ def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterati
             return True
         vacant = _average(own, total, label, distance, centres, k)
         if not moved:
-            # The labels repeat, but a cluster was empty: the next run may still move the centres.
+            # The labels repeat, but a cluster was empty: the next iteration may still move the centres.
             return False
         label, before = before, label
     return False
@@ -224,7 +224,7 @@ def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterati
 
 @njit
 def _unchanged(candidates: BoolArray, previous: BoolArray) -> bool:
-    """Whether a row's candidates are those of its last call."""
+    """Return whether a row's candidates are those of its last call."""
     different = False
     for p in range(len(candidates)):
         different |= candidates[p] != previous[p]
@@ -239,27 +239,27 @@ def cluster(
     draws: RowDraws,
     rule: KMeansRule,
 ) -> None:
-    """Cluster each row's candidates by K-means, from the row's previous centres.
+    """Cluster each row's candidates by K-means, starting from the row's previous centres.
 
-    Lloyd's iterations: each candidate goes to the nearest centre, each centre to the mean of its candidates, until
-    the candidates stay where they are. An empty cluster takes the candidate farthest from its centre.
-    A row whose candidates are those of its last call, and which had converged, is left as it is: the iterations would
-    give the same centres to the bit.
+    In Lloyd's iterations each candidate is assigned to the nearest centre, and each centre moves to the mean of its
+    candidates, until the assignments no longer change. An empty cluster receives the candidate farthest from its
+    centre. A row that had converged and whose candidates are those of its last call is not changed, since the
+    iterations would give bit-identical centres.
 
     Args:
         points: Points on the chief [m], shape (P, 3).
         candidates: Points to cluster, shape (R, P).
         clusters: The clusters of each row; read and written.
-        draws: Where each row's random draws come from.
+        draws: Source of each row's random draws.
         rule: Sizes of the clusters, and the limit of the iterations.
 
     Raises:
-        ValueError: If there are too few centres or `points_per_cluster` is not positive.
+        ValueError: There are too few places for centres or `points_per_cluster` is not positive.
 
     Source:
         Lloyd, "Least squares quantization in PCM", 1982.
     """
-    centres, num_centres, previous, settled = clusters  # a tuple of arrays costs in every inner call
+    centres, num_centres, previous, settled = clusters  # passing the tuple to inner calls would be slower
     require_centres(points, centres, rule)
     chosen, own = np.empty(points.shape[0] + 1, dtype=np.int64), np.empty((3, points.shape[0]))
     for row in range(candidates.shape[0]):
@@ -274,9 +274,13 @@ def cluster(
 
 @njit
 def require_centres(points: FloatArray, centres: FloatArray, rule: KMeansRule) -> None:
-    """Raise ValueError, as `cluster`, where there are too few places for centres."""
+    """Check that there are enough places for centres.
+
+    Raises:
+        ValueError: There are too few, as for `cluster`.
+    """
     if centres.shape[1] < max_clusters(points.shape[0], rule.points_per_cluster):
-        raise ValueError("centres has less than ceil(P / points_per_cluster) places")
+        raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
 
 
 @njit
@@ -297,7 +301,7 @@ def cluster_row(
         points: Points on the chief [m], shape (P, 3).
         candidates: Points to cluster, shape (P,).
         centres: The row's centres [m], shape (K, 3); read and written.
-        num_centres: How many there are.
+        num_centres: Number of centres.
         key: Key of the row's random draws.
         step: Number of the row's step.
         rule: Sizes of the clusters, and the limit of the iterations.
@@ -316,7 +320,7 @@ def cluster_row(
 def cluster_sklearn(
     points: FloatArray, candidates: BoolArray, clusters: Clusters, draws: RowDraws, rule: KMeansRule
 ) -> None:
-    """Do what `cluster` does with scikit-learn's K-means, from the same start: the reference, and much slower."""
+    """Compute `cluster` with scikit-learn's K-means from the same start; it is the reference, and much slower."""
     import warnings
 
     from sklearn.cluster import KMeans
@@ -332,7 +336,7 @@ def cluster_sklearn(
         if k:
             means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=rule.max_iterations, tol=0.0)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)  # fewer distinct centres than clusters
+                warnings.simplefilter("ignore", ConvergenceWarning)  # raised for fewer distinct centres than clusters
                 means.fit(points[candidates[row]])
             centres[row, :k] = means.cluster_centers_
             converged = means.n_iter_ < rule.max_iterations and len(np.unique(means.labels_)) == k

@@ -1,4 +1,4 @@
-"""What the deputies see from where the state has them: the kernels of `visibility` and `clusters`, fused row by row."""
+"""Kernels for the points that deputies see from their positions in the state: `visibility` and `clusters`, fused."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
 class Scores(NamedTuple):
-    """What the inspected points of N environments weigh.
+    """Weights of the inspected points of N environments.
 
     Attributes:
         weights: Weight of each point [-], shape (N, P).
-        team: Summed weight of the inspected points [-], shape (N,).
-        own: Summed weight of those that each deputy was the first to inspect [-], shape (N, D).
+        team: Total weight of the inspected points [-], shape (N,).
+        own: Total weight of the points that each deputy was the first to inspect [-], shape (N, D).
     """
 
     weights: FloatArray
@@ -38,17 +38,17 @@ def inspect_body(
     credit: Credit,
     scores: Scores,
 ) -> None:
-    """Do `inspect_points` from the state's positions, and sum the weights where points are inspected.
+    """Apply `inspect_points` to the state's positions, and update the sums of weights where points are inspected.
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
         body: Index of the body that carries the points.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
-        cos_half_fov: Cosine of half the field of view about the direction to the body [-]; -1 is no limit.
-        active: Whether a deputy's sensor works, shape (N, D).
-        credit: Who inspected what; read and written.
-        scores: What it weighs; read and written.
+        cos_half_fov: Cosine of half the field of view about the direction to the body [-]; -1 means no limit.
+        active: Whether a deputy's sensor is working, shape (N, D).
+        credit: Inspected points and their inspectors; read and written.
+        scores: Weights of the inspected points; read and written.
     """
     environments, deputies = credit.own_count.shape
     before = credit.team_count.copy()
@@ -65,12 +65,12 @@ def inspect_body(
 
 @njit
 def sum_scores(row: int, credit: Credit, scores: Scores) -> None:
-    """Sum the weights of the inspected points of one environment again.
+    """Recompute the sums of the weights of the inspected points of one environment.
 
     Args:
         row: The environment.
-        credit: Who inspected what.
-        scores: What it weighs; read and written.
+        credit: Inspected points and their inspectors.
+        scores: Weights of the inspected points; read and written.
     """
     scores.team[row] = 0.0
     scores.own[row] = 0.0
@@ -96,7 +96,7 @@ def cluster_candidates(
     draws: RowDraws,
     rule: KMeansRule,
 ) -> None:
-    """Do `cluster` of the points that are lit, as each deputy of a group sees them, and have no inspector.
+    """Apply `cluster` to the points that are lit, as seen by each deputy of a group, and have no inspector.
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
@@ -104,16 +104,16 @@ def cluster_candidates(
         deputies: Index of the group's first deputy, and their number, G; R = N * G rows.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
-        inspector: Who inspected each point, -1 for nobody, shape (N, P).
-        centres: As in `Clusters`, like the next three, with R rows; read and written.
-        num_centres: As there.
-        previous: The candidates of the last call.
-        settled: As there.
-        draws: Where the random draws of each environment come from, N rows.
+        inspector: Index of the inspector of each point, -1 for none, shape (N, P).
+        centres: See `Clusters`, with R rows; read and written.
+        num_centres: See `Clusters`; read and written.
+        previous: The candidates of the last call; read and written.
+        settled: See `Clusters`; read and written.
+        draws: Source of the random draws of each environment, N rows.
         rule: Sizes of the clusters, and the limit of the iterations.
 
     Raises:
-        ValueError: As `cluster`.
+        ValueError: As for `cluster`.
     """
     points, radius, light, (first, size) = surface.points, surface.radius, surface.light, deputies
     key, step = draws.key, draws.step

@@ -1,4 +1,4 @@
-"""When a point of the chief is lit well enough to be inspected: the constants of the rule."""
+"""Constants of the rule by which a point of the chief is lit well enough to be inspected."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ _NO_COLOUR: Colour = (0.0, 0.0, 0.0)
 
 
 class Light(NamedTuple):
-    """The rule of light, in the form that the compiled kernels take.
+    """The rule of light, in the form that compiled kernels use.
 
-    A point with the outward normal n is on the sun's side when ``n . s > threshold``, s the direction to the sun.
-    A binary light asks for no more. Otherwise the colour by Blinn and Phong is ``ambient`` plus, on the sun's side
-    only, ``diffuse (n . s) + specular (n . h)^exponent``, h halfway between s and the direction from the point to
-    the viewer; products below 0 count 0. The point is lit when red is at least `dark` and not all of red,
-    green and blue are above `bright`.
+    A point with the outward normal n is on the sun's side when ``n . s > threshold``, where s is the direction to the
+    sun. A binary light has no further condition. Otherwise the colour by Blinn and Phong is ``ambient`` plus, on the
+    sun's side only, ``diffuse (n . s) + specular (n . h)^exponent``, with h halfway between s and the direction from
+    the point to the viewer; products below 0 count as 0. The point is lit when red is at least `dark` and red, green
+    and blue are not all above `bright`.
 
     Attributes:
-        binary: Whether being on the sun's side is all that counts.
+        binary: Whether being on the sun's side is the only condition.
         threshold: Cosine of the largest angle between normal and sun [-]; 0 is the terminator.
-        ambient: Red, green and blue of the surface's own glow [-].
+        ambient: Red, green and blue of the ambient colour of the surface [-].
         diffuse: The same of the diffuse reflection.
-        specular: The same of the highlight.
+        specular: The same of the specular highlight.
         exponent: Sharpness of the highlight.
-        dark: Least red of a point that can be made out.
-        bright: A point brighter than this in all three channels is washed out.
+        dark: Smallest red of a point that is bright enough.
+        bright: A point brighter than this in all three channels is overexposed.
     """
 
     binary: bool
@@ -49,15 +49,15 @@ def full_light() -> Light:
 def binary_light(radius: float, ray_offset: float = 0.0) -> Light:
     """Return the light in which a point is lit when the ray from it to the sun does not meet the sphere.
 
-    For parallel rays from the surface itself: ``n . s > 0``. A ray that starts `ray_offset` above the surface
-    clears the sphere a little beyond the terminator: ``n . s > -sqrt(1 - (R/(R + ray_offset))^2)``.
+    For parallel rays from the surface itself: ``n . s > 0``. A ray that starts `ray_offset` above the surface misses
+    the sphere slightly beyond the terminator: ``n . s > -sqrt(1 - (R/(R + ray_offset))^2)``.
 
     Args:
         radius: Radius R of the chief's sphere [m].
-        ray_offset: Height of the ray's start above the surface [m].
+        ray_offset: Height of the start of the ray above the surface [m].
 
     Raises:
-        ValueError: If the radius is not finite and positive, or the offset is not finite or is negative.
+        ValueError: The radius is not finite and positive, or the offset is not finite or is negative.
     """
     return _binary(_terminator(radius, ray_offset))
 
@@ -78,8 +78,8 @@ def phong_light(
 ) -> Light:
     """Return the light of Blinn and Phong's reflection model; see `Light` for the rule.
 
-    Each colour of the sun's light is multiplied by the same colour of the chief's surface, channel by channel;
-    the exponent of the highlight is a quarter of the shininess. The defaults are a white sun and a red chief.
+    Each colour of the sun's light is multiplied by the same colour of the chief's surface, channel by channel; the
+    exponent of the highlight is a quarter of the shininess. The defaults are a white sun and a red chief.
 
     Args:
         radius: Radius of the chief's sphere [m].
@@ -91,11 +91,11 @@ def phong_light(
         chief_specular: The same of its specular reflection.
         shininess: Shininess of the chief, positive.
         ray_offset: Height above the surface at which the ray to the sun starts [m]; see `binary_light`.
-        dark: Least red of a point that can be made out, in [0, 1].
-        bright: A point brighter than this in all three channels is washed out, in [0, 1].
+        dark: Smallest red of a point that is bright enough, in [0, 1].
+        bright: A point brighter than this in all three channels is overexposed, in [0, 1].
 
     Raises:
-        ValueError: If a colour is not three finite numbers of at least 0, or another argument is out of its range.
+        ValueError: A colour is not three finite numbers of at least 0, or another argument is out of its range.
 
     Source:
         Blinn, "Models of light reflection for computer synthesized pictures", 1977.
@@ -122,14 +122,14 @@ def _binary(threshold: float) -> Light:
 
 
 def _terminator(radius: float, ray_offset: float) -> float:
-    """Return the cosine of the angle from the sun at which a ray that starts above the surface grazes the sphere."""
+    """Return the cosine of the angle from the sun at which a ray that starts above the surface touches the sphere."""
     if not (math.isfinite(radius) and radius > 0.0):
         raise ValueError(f"radius must be finite and positive [m], got {radius}")
     if not (math.isfinite(ray_offset) and ray_offset >= 0.0):
         raise ValueError(f"ray_offset must be finite and not negative [m], got {ray_offset}")
     if ray_offset == 0.0:
         return 0.0
-    # 1 - (R/(R + e))^2 = e (2 R + e)/(R + e)^2, without the difference of nearly equal numbers
+    # 1 - (R/(R + e))^2 = e (2 R + e)/(R + e)^2, which avoids the difference of nearly equal numbers
     return -math.sqrt(ray_offset * (2.0 * radius + ray_offset)) / (radius + ray_offset)
 
 

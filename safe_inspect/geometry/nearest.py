@@ -1,4 +1,4 @@
-"""The direction to the nearest cluster, which the uninspected-points sensor reports."""
+"""The direction to the nearest cluster, which is the reading of the sensor of uninspected points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
-# A centre nearer to the origin [m] is only rounding away from it and has no direction.
+# A centre closer to the origin than this [m] differs from it only by rounding and has no direction.
 _AT_ORIGIN = 1e-9
 
 
@@ -17,15 +17,15 @@ def direction_to_nearest(
 ) -> None:
     """Write the direction from a body's centre to the cluster that is nearest to a viewer.
 
-    The unit vector c/abs(c) of the centre c with the smallest distance abs(p - c), the first of equals; zeros without
-    a cluster, or when the nearest centre is the origin.
+    This is the unit vector c/abs(c) of the centre c with the smallest distance abs(p - c), the first one in a tie;
+    zeros if there is no cluster or the nearest centre is the origin.
 
     Args:
         viewer: Position of the viewer [m], shape (3,).
         body: Position of the body [m], shape (3,); p is the viewer's position relative to it.
         centres: Centres of the clusters relative to the body [m], shape (K, 3).
-        count: How many of the centres count.
-        direction: Takes the direction [-], shape (3,).
+        count: Number of centres in use.
+        direction: Output: the direction [-], shape (3,).
     """
     px, py, pz = viewer[0] - body[0], viewer[1] - body[1], viewer[2] - body[2]
     best, least = -1, math.inf

@@ -1,6 +1,6 @@
-"""Which deputies are near a deputy, and in which direction: compiled, row by row.
+"""Distances and directions from a deputy to the deputies near it: compiled, row by row.
 
-Positions are those of the bodies of one environment, (B, 3), the D deputies first, but for `pair_distances`.
+Positions are those of the bodies of one environment, (B, 3), the D deputies first, except in `pair_distances`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
-# A position nearer to the origin [m] is only rounding away from it and has no direction.
+# A position closer to the origin than this [m] differs from it only by rounding and has no direction.
 _AT_ORIGIN = 1e-9
 
 
@@ -26,18 +26,18 @@ def _squared_distance(position: FloatArray, one: int, other: int) -> float:
 def next_nearest(
     position: FloatArray, deputies: int, own: int, max_range: float, last: int, beyond: float
 ) -> tuple[int, float]:
-    """Return the nearest other deputy behind the last one within a range; of equals the one of the lower index first.
+    """Return the nearest other deputy after the last one within a range; in a tie the lower index comes first.
 
     Args:
         position: Positions of the bodies [m], shape (B, 3).
         deputies: Number of deputies, D.
         own: Index of the own deputy.
-        max_range: Distance up to which a deputy counts [m].
+        max_range: Largest distance at which a deputy counts [m].
         last: Index of the last one; -1 for the first call.
         beyond: Its squared distance [m^2]; -1 for the first call.
 
     Returns:
-        Its index, -1 when there is none, and its squared distance [m^2].
+        The index of the deputy, -1 if there is none, and its squared distance [m^2].
     """
     found, least, limit = -1, math.inf, max_range * max_range
     for other in range(deputies):
@@ -52,16 +52,17 @@ def next_nearest(
 
 @njit
 def nearest_positions(deputies: int, max_range: float, own: int, position: FloatArray, relative: FloatArray) -> None:
-    """Write the positions of the nearest other deputies relative to the own, nearest first.
+    """Write the positions of the nearest other deputies relative to the own deputy, nearest first.
 
-    A place without one is `max_range` away, straight out from the origin; in the direction +x at the origin itself.
+    A place without a deputy is `max_range` away, straight outward from the origin; in the direction +x at the origin
+    itself.
 
     Args:
         deputies: Number of deputies, D.
-        max_range: Distance up to which a deputy counts [m].
+        max_range: Largest distance at which a deputy counts [m].
         own: Index of the own deputy.
         position: Positions of the bodies [m], shape (B, 3).
-        relative: Takes the relative positions [m], shape (3 k,).
+        relative: Output: the relative positions [m], shape (3 k,).
     """
     last, squared = -1, -1.0
     for place in range(0, len(relative), 3):
@@ -84,7 +85,7 @@ def nearest_positions(deputies: int, max_range: float, own: int, position: Float
 def nearest_velocities(
     deputies: int, max_range: float, own: int, position: FloatArray, velocity: FloatArray, relative: FloatArray
 ) -> None:
-    """Write the velocities [m/s] of the nearest other deputies relative to the own, shape (3 k,); 0 without one."""
+    """Write the velocities of the nearest other deputies relative to the own one [m/s], shape (3 k,); 0 without one."""
     last, squared = -1, -1.0
     for place in range(0, len(relative), 3):
         if last >= 0 or place == 0:
@@ -95,7 +96,7 @@ def nearest_velocities(
 
 @njit
 def nearest_presence(deputies: int, max_range: float, own: int, position: FloatArray, present: FloatArray) -> None:
-    """Write 1 where one of the nearest other deputies takes the place, else 0, shape (k,)."""
+    """Write 1 for each place that is taken by one of the nearest other deputies, else 0, shape (k,)."""
     last, squared = -1, -1.0
     for place in range(len(present)):
         if last >= 0 or place == 0:
@@ -107,18 +108,18 @@ def nearest_presence(deputies: int, max_range: float, own: int, position: FloatA
 def scan_deputies(
     deputies: int, max_range: float, directions: FloatArray, own: int, position: FloatArray, ranges: FloatArray
 ) -> None:
-    """Write the range to the nearest other deputy in every bin of directions about the own.
+    """Write the range to the nearest other deputy in every bin of directions around the own deputy.
 
-    A deputy stands in the bin whose direction is nearest to its own, the first of equals; one at the very same place
-    stands in every bin.
+    A deputy is in the bin whose direction is closest to the direction to it, the first one in a tie; a deputy at
+    exactly the same position is in every bin.
 
     Args:
         deputies: Number of deputies, D.
-        max_range: The range where there is none, or none that is nearer [m].
+        max_range: The range if there is no deputy, or none that is nearer [m].
         directions: Unit vectors of the bins [-], shape (K, 3).
         own: Index of the own deputy.
         position: Positions of the bodies [m], shape (B, 3).
-        ranges: Takes the ranges [m], shape (K,).
+        ranges: Output: the ranges [m], shape (K,).
     """
     ranges[:] = max_range
     for other in range(deputies):
@@ -143,12 +144,12 @@ def scan_deputies(
 
 @njit
 def pair_distances(position: FloatArray, deputies: int, distance: FloatArray) -> None:
-    """Write the distance of every pair of the first bodies: 0-1, 0-2, ..., 1-2, ... [m].
+    """Write the distance of every pair of deputies: 0-1, 0-2, ..., 1-2, ... [m].
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
         deputies: Number of deputies, D.
-        distance: Takes the distances [m], shape (N, D (D - 1) / 2).
+        distance: Output: the distances [m], shape (N, D (D - 1) / 2).
     """
     for n in range(position.shape[0]):
         pair = 0

@@ -11,12 +11,12 @@ from safe_inspect.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class OrientedBoxes:
-    """Boxes fixed in one frame.
+    """Boxes that are fixed in one frame.
 
     Attributes:
         centre: Centres [m], shape (B, 3).
         half_size: Half sizes along the boxes' own axes [m], shape (B, 3).
-        rotation: Takes coordinates along a box's axes to the common frame, shape (B, 3, 3).
+        rotation: Rotations from a box's axes to the common frame, shape (B, 3, 3).
     """
 
     centre: FloatArray
@@ -64,7 +64,7 @@ class OrientedBoxes:
         return distance, np.einsum("bij,nbj->nbi", self.rotation, normal * sign)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance to the union [m], the least over the boxes, shape (N,).
+        """Return the signed distance to the union [m], the smallest over the boxes, shape (N,).
 
         Outside it is exact; inside, where boxes overlap, the true depth may be larger. It is 1-Lipschitz everywhere.
 
@@ -74,7 +74,7 @@ class OrientedBoxes:
         return np.asarray(self._parts(points)[-1].min(axis=1))
 
     def _parts(self, points: FloatArray) -> tuple[FloatArray, ...]:
-        """Return q, a, max(a, 0) and its length, see `distances`, and the signed distance to each box, shape (N, B)."""
+        """Return q, a, max(a, 0), its length and the signed distance to each box, shape (N, B); see `distances`."""
         q = np.einsum("bji,nbj->nbi", self.rotation, points[:, None, :] - self.centre)
         a = np.abs(q) - self.half_size
         positive = np.maximum(a, 0.0)

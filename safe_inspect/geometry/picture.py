@@ -1,4 +1,4 @@
-"""What all pictures share: colours, the camera, and the shapes of a scene about a body."""
+"""Elements that all images share: colours, the camera, and the shapes of a scene around a body."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from safe_inspect.types import BoolArray, FloatArray
 
-# Okabe and Ito's palette, which people with any of the common colour-vision deficiencies can tell apart.
+# Okabe and Ito's palette, which is distinguishable with all common colour-vision deficiencies.
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 BLACK, GREY, PALE = "#222222", "#7A7A7A", "#D9D9D9"
 DEPUTY_COLOURS = (BLUE, GREEN, PURPLE, VERMILION, SKY)
-#: Night and day side of the chief; points that are lit and points in the dark that nobody has inspected.
+#: Night side and day side of the chief; uninspected points that are lit, and those that are dark.
 NIGHT, DAY, LIT, DARK = "#B4BAC4", "#FFF1C4", "#FFFFFF", "#4B5563"
-#: Elevation over the orbital plane and azimuth from the radial axis from which scenes are seen [degrees].
+#: Direction from which scenes are seen: elevation over the orbital plane and azimuth from the radial axis [degrees].
 VIEW = {"elev": 22.0, "azim": -52.0}
 
 
 @dataclass(frozen=True)
 class Camera:
-    """An orthographic camera that looks at the origin: the directions of a picture.
+    """An orthographic camera that looks at the origin, given by the directions of the image.
 
     Attributes:
         right: Unit vector to the right, shape (3,).
@@ -34,32 +34,32 @@ class Camera:
 
     @classmethod
     def along(cls, sight: FloatArray) -> Camera:
-        """Return the camera towards which a unit vector points, shape (3,), with the third axis up."""
+        """Return the camera in the direction of a unit vector from the origin, shape (3,), with the third axis up."""
         right = np.cross((0.0, 0.0, 1.0), sight)
         right /= np.sqrt(np.square(right).sum())
         return cls(right, np.cross(sight, right), sight)
 
     @classmethod
     def at(cls, elevation: float, azimuth: float) -> Camera:
-        """Return the camera at an elevation over the first two axes and an azimuth from the first one [degrees]."""
+        """Return the camera at an elevation over the first two axes and an azimuth from the first axis [degrees]."""
         up, around = np.radians(elevation), np.radians(azimuth)
         return cls.along(np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)]))
 
     def turned(self, rotation: FloatArray) -> Camera:
-        """Return the camera in a frame whose coordinates a rotation, shape (3, 3), takes to those of this one."""
+        """Return the camera in another frame; the rotation, shape (3, 3), maps coordinates from there to this frame."""
         return Camera(self.right @ rotation, self.up @ rotation, self.sight @ rotation)
 
     def flat(self, points: FloatArray) -> FloatArray:
-        """Return where points lie in the picture, to the right and up [m], shape (..., 2)."""
+        """Return the positions of points in the image, to the right and up [m], shape (..., 2)."""
         return np.stack((points @ self.right, points @ self.up), axis=-1)
 
     def hidden(self, points: FloatArray, radius: float) -> BoolArray:
-        """Return which points lie behind a sphere about the origin, shape (...,)."""
+        """Return a mask of the points that are behind a sphere about the origin, shape (...,)."""
         across = np.square(self.flat(points)).sum(axis=-1)
         return np.asarray(((points * self.sight).sum(axis=-1) < 0.0) & (across < radius * radius))
 
     def day(self, sun: FloatArray, radius: float, corners: int = 24) -> FloatArray:
-        """Return the outline of what is seen of a sphere's day side, shape (2 * corners, 2).
+        """Return the outline of the visible part of a sphere's day side, shape (2 * corners, 2).
 
         Args:
             sun: Unit vector to the sun, shape (3,).
@@ -82,18 +82,18 @@ FRONT = Camera.at(VIEW["elev"], VIEW["azim"])
 
 
 def circle(radius: float, corners: int = 91) -> FloatArray:
-    """Return the outline of a sphere in a picture, about the origin [m], shape (corners, 2)."""
+    """Return the outline of a sphere about the origin in an image [m], shape (corners, 2)."""
     angle = np.linspace(0.0, 2.0 * np.pi, corners)
     return radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
 
 def ring(radius: float, corners: int = 181) -> FloatArray:
-    """Return a ring of equal range in the plane of the first two axes [m], shape (corners, 3)."""
+    """Return a circle of constant range in the plane of the first two axes [m], shape (corners, 3)."""
     return np.concatenate((circle(radius, corners), np.zeros((corners, 1))), axis=-1)
 
 
 def sun_arrow(sun: FloatArray, radius: float) -> FloatArray:
-    """Return an arrow towards the sun that ends at a radius: its tail, its tip, and its barbs about the tip, (5, 3).
+    """Return the points of an arrow towards the sun that ends at a radius: tail, tip, barb, tip, barb, shape (5, 3).
 
     Args:
         sun: Unit vector to the sun, shape (3,).
@@ -105,11 +105,11 @@ def sun_arrow(sun: FloatArray, radius: float) -> FloatArray:
 
 
 def pieces(way: FloatArray, shown: BoolArray) -> FloatArray:
-    """Return a line with NaN for what is not shown; pieces go on to the next point, so that they meet.
+    """Return a line with NaN where it is not shown; each piece extends to the next point, so that pieces meet.
 
     Args:
         way: Points of the line, shape (K, n).
-        shown: Which of them are shown, shape (K,).
+        shown: Mask of the points that are shown, shape (K,).
     """
     joined = shown.copy()
     joined[1:] |= shown[:-1]

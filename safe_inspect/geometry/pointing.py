@@ -1,4 +1,4 @@
-"""Pointing a camera at a point with the least rotation.
+"""Rotation of a camera towards a point by the smallest angle.
 
 Frames: W inertial; B the chaser's body, x forward, y right, z down; C its camera, z forward, x right, y down.
 """
@@ -9,24 +9,24 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-# Takes coordinates in C to B: the columns are the camera's axes in B.
+# Rotation from C to B: the columns are the camera's axes in B.
 R_BC: FloatArray = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
-# Below this distance [m] the direction to the target is not defined and the last one is kept.
+# Below this distance [m] the direction to the target is not defined, and the previous direction is used.
 _LEAST_RANGE = 1e-6
-# Two directions are opposite where 1 + cos of their angle is less.
+# Two directions are opposite if 1 + cos of the angle between them is less than this.
 _OPPOSITE = 1e-12
 
 
 def shortest_arc(first: FloatArray, last: FloatArray, about: FloatArray) -> FloatArray:
-    """Return the rotation by the least angle that takes one direction to another.
+    """Return the rotation by the smallest angle from one direction to another.
 
     ``R = I + v^ + v^ v^ / (1 + c)`` with ``v = a x b``, ``c = a.b``, where v^ is the skew matrix of v.
 
     Args:
         first: Unit vectors a, shape (..., 3).
         last: Unit vectors b, shape (..., 3).
-        about: Unit vectors perpendicular to a, shape (..., 3): the axis of the half turn where b = -a.
+        about: Unit vectors perpendicular to a, shape (..., 3): the axis of the half turn if b = -a.
 
     Returns:
         R with R a = b, shape (..., 3, 3).
@@ -43,7 +43,7 @@ def shortest_arc(first: FloatArray, last: FloatArray, about: FloatArray) -> Floa
 
 
 def point_camera(camera: FloatArray, position: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the attitude of a camera that is turned towards a point by the shortest arc, without roll.
+    """Return the attitude of a camera after turning it towards a point by the shortest arc, without roll.
 
     Args:
         camera: R_WC before, shape (..., 3, 3).
@@ -51,7 +51,7 @@ def point_camera(camera: FloatArray, position: FloatArray, target: FloatArray) -
         target: The point in W [m], shape (..., 3).
 
     Returns:
-        R_WC with its z axis along target - position, shape (..., 3, 3); unchanged where the point is at the camera.
+        R_WC with its z axis along target - position, shape (..., 3, 3); unchanged if the point is at the camera.
     """
     way = np.asarray(target - position)
     distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
@@ -62,7 +62,7 @@ def point_camera(camera: FloatArray, position: FloatArray, target: FloatArray) -
 
 
 def _orthonormal(camera: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the rotation matrix with the given z axis nearest in x, so that rounding does not grow over steps."""
+    """Return the rotation matrix with the given z axis and the closest x axis, so that rounding does not accumulate."""
     x = camera[..., :, 0]
     x = x - (x * axis).sum(axis=-1, keepdims=True) * axis
     x = x / np.sqrt((x * x).sum(axis=-1, keepdims=True))

@@ -19,15 +19,15 @@ def sphere_points(algorithm: str, num_points: int, radius: float) -> FloatArray:
 
     Args:
         algorithm: ``fibonacci`` (exactly `num_points`) or ``cmu`` (rings; nearly `num_points`: 99 for 100).
-        num_points: How many points are asked for.
+        num_points: Requested number of points.
         radius: Radius of the sphere [m].
 
     Returns:
         Positions [m], shape (P, 3), from +z to -z.
 
     Raises:
-        ValueError: If the algorithm is unknown, `num_points` is not a whole number of at least 1, or `radius` is
-            not finite and positive.
+        ValueError: The algorithm is unknown, `num_points` is not a whole number of at least 1, or `radius` is not
+            finite and positive.
     """
     if algorithm not in _ALGORITHMS:
         raise ValueError(f"unknown points algorithm `{algorithm}`; {did_you_mean(str(algorithm), _ALGORITHMS)}")
@@ -45,8 +45,8 @@ def sphere_points(algorithm: str, num_points: int, radius: float) -> FloatArray:
 def _fibonacci(count: int) -> FloatArray:
     """Return the spherical Fibonacci lattice of the unit sphere, shape (count, 3).
 
-    Point i lies at the height z = 1 - (2 i + 1)/count, the middle of the i-th of `count` slices of equal height and
-    so of equal area, at the azimuth of i golden angles.
+    Point i is at the height z = 1 - (2 i + 1)/count, the middle of the i-th of `count` slices of equal height and
+    therefore of equal area, at an azimuth of i golden angles.
 
     Source:
         Swinbank and Purser, "Fibonacci grids: a novel approach to global modelling", 2006.
@@ -59,10 +59,10 @@ def _fibonacci(count: int) -> FloatArray:
 def _cmu(count: int) -> FloatArray:
     """Return rings of points of the unit sphere, each point with nearly the same area, shape (P, 3).
 
-    A point's share of the sphere, 4 pi/count, is taken for a square. Rings of latitude lie about one side of the
-    square apart, in the middles of equal intervals of the polar angle; the points of a ring lie as far apart as
-    the share of area then asks for, the first of each ring at azimuth 0. Rounding to whole rings and whole
-    points a ring is why P may differ from `count`.
+    The share of the sphere of each point, 4 pi/count, is treated as a square. Rings of latitude are about one side of
+    the square apart, in the middles of equal intervals of the polar angle. The spacing of the points of a ring follows
+    from the share of area, and the first point of each ring is at azimuth 0. P may differ from `count` because the
+    numbers of rings and of points per ring are rounded to whole numbers.
 
     Source:
         Deserno, "How to generate equidistributed points on the surface of a sphere", 2004.

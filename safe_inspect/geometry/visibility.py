@@ -1,6 +1,6 @@
-"""Which points of the chief are seen, lit and so inspected: compiled, row by row.
+"""Points of the chief that are seen, lit and therefore inspected: compiled, row by row.
 
-Every row is computed by itself and in one fixed order, so its result is the same to the bit in a batch of any size.
+Every row is computed separately and in one fixed order, so its result is bit-identical in a batch of any size.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Surface(NamedTuple):
     Attributes:
         points: Points [m], shape (P, 3).
         radius: Radius of the sphere [m].
-        light: When a point is lit.
+        light: Rule by which a point is lit.
     """
 
     points: FloatArray
@@ -33,12 +33,12 @@ class Surface(NamedTuple):
 
 
 class Credit(NamedTuple):
-    """Which points are inspected, and by whom.
+    """Inspected points and their inspectors.
 
     Attributes:
         inspector: Index of the viewer that inspected a point, -1 for none, int8, shape (N, P).
-        team_count: How many points are inspected, shape (N,).
-        own_count: How many of them each viewer inspected, shape (N, D).
+        team_count: Number of inspected points, shape (N,).
+        own_count: Number of points that each viewer inspected, shape (N, D).
     """
 
     inspector: NDArray[np.int8]
@@ -48,7 +48,7 @@ class Credit(NamedTuple):
 
 @njit
 def point_axes(points: FloatArray) -> FloatArray:
-    """Return the points as shape (3, P), each axis contiguous: the loops over points are three times as fast."""
+    """Return the points with shape (3, P), each axis contiguous; loops over points are then three times as fast."""
     axes = np.empty((3, points.shape[0]))
     for p in range(points.shape[0]):
         for k in range(3):
@@ -58,14 +58,14 @@ def point_axes(points: FloatArray) -> FloatArray:
 
 @njit
 def _sees_whole_cap(range_squared: float, radius: float, cos_half_fov: float) -> bool:
-    """Whether a field of view about the direction to the centre takes in the sphere's whole outline."""
-    # The outline lies at asin(R/r) from the boresight: no point needs its own test when that is inside.
+    """Return whether a field of view about the direction to the centre contains the sphere's whole outline."""
+    # The outline is at asin(R/r) from the boresight: if that is inside, no point needs a separate test.
     return cos_half_fov <= -1.0 or cos_half_fov <= math.sqrt(max(0.0, 1.0 - radius * radius / range_squared))
 
 
 @njit
 def _in_field(vx: float, vy: float, vz: float, qx: float, qy: float, qz: float, cos_half_fov: float) -> bool:
-    """Whether the angle at the viewer v between the point q and the centre is at most the half field of view."""
+    """Return whether the angle at the viewer v between the point q and the centre is at most the half field of view."""
     dx, dy, dz = qx - vx, qy - vy, qz - vz
     along = -(dx * vx + dy * vy + dz * vz)
     lengths = math.sqrt((dx * dx + dy * dy + dz * dz) * (vx * vx + vy * vy + vz * vz))
@@ -83,8 +83,8 @@ def _well_lit(
     radius: float,
     light: Light,
 ) -> bool:
-    """Whether the point with the outward normal n, at `cosine` from the sun, has a colour that can be made out."""
-    # Clipping the colour to [0, 1] could change neither comparison, so it is left out.
+    """Return whether the colour of the point with outward normal n, at `cosine` from the sun, is in the valid range."""
+    # Clipping the colour to [0, 1] would not change either comparison, so it is omitted.
     if not cosine > light.threshold:
         return light.ambient[0] >= light.dark and not (
             light.ambient[0] > light.bright and light.ambient[1] > light.bright and light.ambient[2] > light.bright
@@ -109,15 +109,15 @@ def _well_lit(
 def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov: float) -> BoolArray:
     """Return which points each viewer sees, lit or not.
 
-    A point q is above the horizon of a viewer at p when ``q . p >= R^2``, and in the field of view when the angle
-    at the viewer between q and the centre, at which it looks, is at most half the field's. A viewer inside
-    the sphere sees nothing.
+    A point q is above the horizon of a viewer at p when ``q . p >= R^2``, and in the field of view when the angle at
+    the viewer between q and the centre, towards which it points, is at most half the field of view. A viewer inside the
+    sphere sees nothing.
 
     Args:
         viewer: Positions p relative to the chief's centre [m], shape (R, 3).
         points: Points q on the sphere [m], in the viewers' frame, shape (P, 3).
         radius: Radius of the sphere [m].
-        cos_half_fov: Cosine of half the field of view [-]; -1 is no limit.
+        cos_half_fov: Cosine of half the field of view [-]; -1 means no limit.
 
     Returns:
         Whether a viewer sees a point, shape (R, P).
@@ -143,10 +143,10 @@ def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov:
 
 @njit
 def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light) -> BoolArray:
-    """Return which points are lit well enough for each viewer, in its view or not; see `Light` for the rule.
+    """Return which points are lit well enough for each viewer, whether in its view or not; see `Light` for the rule.
 
     Args:
-        viewer: Positions relative to the chief's centre [m], shape (R, 3); a binary light does not use them.
+        viewer: Positions relative to the chief's centre [m], shape (R, 3); not used with a binary light.
         sun: Unit vectors to the sun [-], shape (R, 3).
         points: Points on the sphere [m], in the same frame, shape (P, 3).
         radius: Radius of the sphere [m].
@@ -167,7 +167,7 @@ def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, 
 def light_row(
     viewer: FloatArray, sun: FloatArray, axes: FloatArray, radius: float, light: Light, bright: BoolArray
 ) -> None:
-    """Write what `lit` returns for one viewer, shape (3,), and one sun, shape (3,); the points as `point_axes`."""
+    """Write the result of `lit` for one viewer, shape (3,), and one sun, shape (3,); points as from `point_axes`."""
     qx, qy, qz = axes[0], axes[1], axes[2]
     limit = radius * light.threshold
     sx, sy, sz = sun[0], sun[1], sun[2]
@@ -185,15 +185,15 @@ def light_row(
 def lit_and_uninspected(
     viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light, inspector: NDArray[np.int8]
 ) -> BoolArray:
-    """Return which points are lit, as `lit` does, and have no inspector yet, shape (R, P).
+    """Return which points are lit, as defined by `lit`, and have no inspector yet, shape (R, P).
 
     Args:
-        viewer: As in `lit`.
-        sun: As in `lit`.
-        points: As in `lit`.
-        radius: As in `lit`.
-        light: As in `lit`.
-        inspector: Who inspected each point, -1 for nobody, shape (R, P).
+        viewer: As for `lit`.
+        sun: As for `lit`.
+        points: As for `lit`.
+        radius: As for `lit`.
+        light: As for `lit`.
+        inspector: Index of the inspector of each point, -1 for none, shape (R, P).
     """
     found = lit(viewer, sun, points, radius, light)
     for row in range(found.shape[0]):
@@ -207,20 +207,20 @@ def inspect_in_binary_light(
     viewer: _Vector, sun: _Vector, axes: FloatArray, horizon: float, terminator: float, owner: int,
     inspector: NDArray[np.int8],
 ) -> None:  # fmt: skip
-    """Give each point that one viewer sees, and that is lit, to an owner unless it has one.
+    """Assign each point that one viewer sees, and that is lit, to an owner unless it already has one.
 
     Args:
         viewer: Position relative to the body's centre [m].
         sun: Unit vector to the sun [-].
-        axes: The points q [m], as `point_axes`.
-        horizon: Radius squared: a point is seen where q . viewer is at least that [m^2].
-        terminator: Radius times the threshold of light: a point is lit where q . sun is more than that [m].
-        owner: Who inspects.
-        inspector: Who inspected each point, -1 for nobody, shape (P,); written.
+        axes: The points q [m], as given by `point_axes`.
+        horizon: Radius squared: a point is seen when q . viewer is at least this [m^2].
+        terminator: Radius times the light threshold: a point is lit when q . sun is greater than this [m].
+        owner: Index of the inspector.
+        inspector: Index of the inspector of each point, -1 for none, shape (P,); written.
     """
     qx, qy, qz = axes[0], axes[1], axes[2]
     (vx, vy, vz), (sx, sy, sz) = viewer, sun
-    for p in range(len(inspector)):  # no branch inside, so that the compiler works on several points at once
+    for p in range(len(inspector)):  # without a branch, so that the compiler can vectorise the loop
         faces = qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon
         shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
         before = inspector[p]
@@ -236,15 +236,15 @@ def inspect_points(
     active: BoolArray,
     credit: Credit,
 ) -> None:
-    """Give each point that is seen and lit to the first viewer that sees it, for good, and count.
+    """Assign each point that is seen and lit permanently to the first viewer that sees it, and count the points.
 
     Args:
         viewer: Positions relative to the chief's centre [m], in the order of the agents, shape (N, D, 3).
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points, in the same frame.
-        cos_half_fov: Cosine of half the field of view about the direction to the chief [-]; -1 is no limit.
-        active: Whether a viewer's sensor works, shape (N, D).
-        credit: Who inspected what; read and written.
+        cos_half_fov: Cosine of half the field of view about the direction to the chief [-]; -1 means no limit.
+        active: Whether a viewer's sensor is working, shape (N, D).
+        credit: Inspected points and their inspectors; read and written.
     """
     points, radius, light = surface.points, surface.radius, surface.light
     inspector = credit.inspector
@@ -284,11 +284,11 @@ def inspect_points(
 
 @njit
 def count_inspected(row: int, credit: Credit) -> None:
-    """Count the inspected points of one environment again.
+    """Recount the inspected points of one environment.
 
     Args:
         row: The environment.
-        credit: Who inspected what; read and written.
+        credit: Inspected points and their inspectors; read and written.
     """
     total = 0
     for d in range(credit.own_count.shape[1]):

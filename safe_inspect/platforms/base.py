@@ -23,8 +23,8 @@ class Platform(Plugin):
     """A deputy spacecraft.
 
     Class attributes:
-        turns: Whether it has an attitude, so that its controls and its camera turn with it. short_name: A name for
-        ``platform`` in configurations, in addition to the class name.
+        turns: Whether it has an attitude, so that its controls and its camera turn with it.
+        short_name: A name for ``platform`` in configurations, in addition to the class name.
 
     Attributes:
         mass: Mass [kg].
@@ -114,8 +114,9 @@ class Sensor(Part, RowPlugin):
 
     Class attributes:
         elements: Name of each element of the reading; a sensor whose elements depend on its configuration defines
-        `element_names` instead. symbol: SI unit of the reading, empty for a pure number. bounds: Smallest and largest
-        possible value, SI.
+            `element_names` instead.
+        symbol: SI unit of the reading, empty for a pure number.
+        bounds: Smallest and largest possible value, SI.
     """
 
     elements: ClassVar[tuple[str, ...]]

@@ -21,7 +21,7 @@ _TURN = 2.0 * math.pi
 
 @njit
 def _wrapped_angle(angle: float, reading: FloatArray) -> None:
-    """Write an angle within [0, 2 pi), like NumPy's `mod`, which rounds a tiny negative angle up to 2 pi."""
+    """Write an angle within [0, 2 pi), like NumPy's `mod`; a tiny negative angle that rounds up to 2 pi becomes 0."""
     if 0.0 < angle < _TURN:
         reading[0] = angle
         return

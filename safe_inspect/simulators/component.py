@@ -32,8 +32,9 @@ class Component(Plugin):
 
     Class attributes:
         entity: Parameters, by name, of the entry under ``additional_entities`` whose ``entity_class`` is the
-        component's name; empty if it has no such entry. parameters: SI unit by the name of each reset parameter that
-        the component reads if the configuration gives it; None for a mapping of states.
+            component's name; empty if it has no such entry.
+        parameters: SI unit by the name of each reset parameter that the component reads if the configuration gives it;
+            None for a mapping of states.
     """
 
     kind: ClassVar[str] = "component"

@@ -130,5 +130,5 @@ def test_slots_episodes_and_seeds_differ(shipped):
 
 def test_a_seed_for_some_rows_is_refused(shipped):
     env = BatchedEnvironment(load_experiment(shipped).spec, 2)
-    with pytest.raises(ValueError, match="reset them all"):
+    with pytest.raises(ValueError, match="reset all of them"):
         env.reset([1], seed=3)

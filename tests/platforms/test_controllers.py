@@ -37,7 +37,7 @@ def test_limits_take_units(properties):
         ({"property_class": "ThurstProp"}, "did you mean `ThrustProp`"),
         ({"properties": {"low": 1.0, "high": 1.0}}, "not below"),
         ({"properties": {"units": "m"}}, "no unit of force"),
-        ({"properties": {"low": "-200 mN", "units": "mN"}}, "beside `units`"),
+        ({"properties": {"low": "-200 mN", "units": "mN"}}, "in addition to `units`"),
         ({"properties": {"hihg": 2.0}}, "hihg"),
     ],
 )

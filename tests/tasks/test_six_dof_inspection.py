@@ -287,7 +287,7 @@ def test_a_recorded_episode_keeps_attitudes_moments_and_the_camera(tmp_path):
         (FILE, ["platform_config.blue0.config.platform=cwh"], "`sensor_fov` needs platforms with attitude"),
         (FILE, ["done_status=win"], "ends episodes with `lose`, not with `win`"),
         (FILE, ["FacingChiefReward.config={observation: {fields: [Obs_Sensor_Position]}}"], "remove the key"),
-        ("docking", ["platform_config.blue0.config.platform=six-dof"], "CWHSimulator moves points"),
+        ("docking", ["platform_config.blue0.config.platform=six-dof"], "CWHSimulator simulates point masses"),
         (
             "multiagent-translational-inspection",
             ["platform_config.blue#.config.platform=six-dof", "rta.config.enabled=True"],

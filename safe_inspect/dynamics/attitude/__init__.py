@@ -1,1 +1,1 @@
-"""Vehicles that turn: position and attitude together."""
+"""Dynamics of vehicles that turn: position and attitude together."""

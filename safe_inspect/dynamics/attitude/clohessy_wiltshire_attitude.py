@@ -1,4 +1,4 @@
-"""`ClohessyWiltshireAttitude`: a rigid body with thrusters and reaction wheels, about a circular orbit."""
+"""`ClohessyWiltshireAttitude`: a rigid body about a circular orbit, with thrusters and reaction wheels."""
 
 from __future__ import annotations
 
@@ -56,21 +56,22 @@ class ClohessyWiltshireAttitude(Dynamics):
     """Relative motion about a circular orbit, and attitude, under held forces and moments.
 
     ``p'' = CWH(p, p') + R(q) F / m``, ``q' = q [w_r, 0] / 2``, ``J w' = M - w x J w``: q is the attitude from body to
-    Hill's frame, scalar last, and w the angular velocity in body axes; ``w_r = w - R(q)^T [0, 0, n]`` is that against
-    Hill's frame. The control is F in newtons, then M in newton metres, both along body axes. Position and attitude are
-    integrated together, by the classical Runge-Kutta method in steps that end where a component of w reaches its limit.
-    Source: Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960; Markley and Crassidis,
-    "Fundamentals of Spacecraft Attitude Determination and Control", Springer 2014, chapter 3.
+    Hill's frame, scalar last, and w the angular velocity in body axes; ``w_r = w - R(q)^T [0, 0, n]`` is the angular
+    velocity relative to Hill's frame. The control is F in newtons, then M in newton metres, both along body axes.
+    Position and attitude are integrated together with the classical Runge-Kutta method, in steps that end where a
+    component of w reaches its limit. Source: Clohessy and Wiltshire, "Terminal guidance system for satellite
+    rendezvous", 1960; Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination and Control", Springer
+    2014, chapter 3.
 
     Attributes:
         mean_motion: Mean motion n of the chief's orbit [rad/s].
         inertia: Principal moments of inertia J [kg m^2].
-        rate_limit: Largest size of each component of w [rad/s]; None: no limit.
-        acceleration_limit: Largest size of each component of w' [rad/s^2]; None: no limit.
-        body_frame_thrust: True: F turns with the body. False: F stands in Hill's frame.
-        rate_against: ``inertial``: w is measured against inertial space, as a gyroscope does. ``hill``: against Hill's
-            frame, w_r = w, as by safe-autonomy-simulation up to version 2.1.4.
-        substeps: Steps of the integration in a physics step, and one more for each limit that is reached in it.
+        rate_limit: Largest magnitude of each component of w [rad/s]; None: no limit.
+        acceleration_limit: Largest magnitude of each component of w' [rad/s^2]; None: no limit.
+        body_frame_thrust: True: F turns with the body. False: F is given in Hill's frame.
+        rate_against: ``inertial``: w is relative to inertial space, as measured by a gyroscope. ``hill``: w is relative
+            to Hill's frame, w_r = w, as in safe-autonomy-simulation up to version 2.1.4.
+        substeps: Integration steps in a physics step, plus one for each limit that is reached in it.
     """
 
     row: ClassVar[Kernel[..., float]] = clohessy_wiltshire_attitude_row
@@ -92,11 +93,11 @@ class ClohessyWiltshireAttitude(Dynamics):
 
     @property
     def turns_thrust(self) -> bool:
-        """Whether thrust turns with the body."""
+        """Whether the thrust turns with the body."""
         return self.body_frame_thrust
 
     def __call__(self, step_size: float) -> tuple[Any, ...]:
-        """Return the body, the transition matrix, shape (6, 6), and the input matrix of 1 kg, shape (6, 3)."""
+        """Return the body, the transition matrix, shape (6, 6), and the input matrix for 1 kg, shape (6, 3)."""
         body = TurningBody(
             self.mean_motion,
             self.frame_rate,
@@ -110,14 +111,14 @@ class ClohessyWiltshireAttitude(Dynamics):
         return body, *transition(self.mean_motion, 1.0, step_size)
 
     def initial(self) -> Mapping[str, Sequence[float]]:
-        """Return the attitude and the angular velocity of a body that rests in Hill's frame, along its axes."""
+        """Return attitude and angular velocity of a body that is aligned with Hill's frame and does not turn in it."""
         return {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": (0.0, 0.0, self.frame_rate)}
 
     def offers(self) -> Mapping[str, Any]:
-        """Return the mean motion [rad/s], and what moves the attitude, as ``turning_body``."""
+        """Return the mean motion [rad/s], and these dynamics, which define the attitude motion, as ``turning_body``."""
         return {"mean_motion": self.mean_motion, "turning_body": self}
 
     @property
     def frame_rate(self) -> float:
-        """Rate at which Hill's frame turns about z against what the angular velocity is measured against [rad/s]."""
+        """Rate about z of Hill's frame relative to the reference of the angular velocity [rad/s]."""
         return self.mean_motion if self.rate_against == "inertial" else 0.0

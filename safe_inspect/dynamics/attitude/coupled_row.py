@@ -1,10 +1,10 @@
-"""Position and attitude of one spacecraft under forces and moments that are held, compiled.
+"""Position and attitude of one spacecraft under held forces and moments, compiled.
 
     p'' = CWH(p, p') + R(q) F / m,        q' = q [w, 0] / 2 - n [0, 0, 1, 0] q / 2,        J w' = M - w x J w
 
-with q the attitude from body to Hill's frame and w the body's angular velocity against inertial space, in body axes.
-The second term of q' is the turn of Hill's frame at the rate n. Each component of w' is limited, and each of w stays
-within a limit: where it would go beyond, its derivative is 0.
+where q is the attitude from body to Hill's frame and w the body's angular velocity relative to inertial space, in body
+axes. The second term of q' is the rotation of Hill's frame at the rate n. Each component of w' is limited. Each
+component of w is limited too: where it would exceed its limit, its derivative is 0.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from safe_inspect.types import FloatArray
 
 #: Attitude and angular velocity, position and velocity.
 CoupledState = tuple[RotationState, Vector, Vector]
-#: For each axis 1 or -1 where the angular velocity is held at its upper or lower limit, else 0.
+#: For each axis, 1 or -1 if the angular velocity is held at its upper or lower limit, else 0.
 Held = tuple[int, int, int]
 
-#: Relative excess of an angular velocity over its limit that is rounding.
+#: Relative excess of an angular velocity over its limit that is attributed to rounding.
 _ROUNDING = 1e-13
-#: Largest number of tries to end a step where an axis reaches its limit.
+#: Largest number of attempts to end a step where an axis reaches its limit.
 _TRIES = 12
 
 
 class TurningBody(NamedTuple):
-    """What does not change of a body that turns.
+    """Constants of a body that turns.
 
     Attributes:
         mean_motion: Mean motion of the chief's orbit [rad/s].
         frame_rate: Rate at which Hill's frame turns about its z axis in the equation of the attitude [rad/s].
         inertia: Principal moments of inertia [kg m^2].
-        rate_limit: Largest size of each component of the angular velocity [rad/s].
-        acceleration_limit: Largest size of each component of its derivative [rad/s^2].
-        in_body_axes: Whether the force stands in body axes; else in Hill's frame.
+        rate_limit: Largest magnitude of each component of the angular velocity [rad/s].
+        acceleration_limit: Largest magnitude of each component of its derivative [rad/s^2].
+        in_body_axes: Whether the force is given in body axes; else it is in Hill's frame.
         step_size: Length of a step [s].
-        substeps: Steps of the integration in it, where no axis reaches its limit.
+        substeps: Integration steps per step, if no axis reaches its limit.
     """
 
     mean_motion: float
@@ -54,7 +54,7 @@ class TurningBody(NamedTuple):
 
 @njit(error_model="numpy")
 def _within(rate: float, limit: float, held: int) -> float:
-    """Return the derivative of an angular velocity within its limit, and not outwards where that is held."""
+    """Return the derivative of an angular velocity, limited, and without an outward part if the velocity is held."""
     rate = min(max(rate, -limit), limit)
     if (held > 0 and rate > 0.0) or (held < 0 and rate < 0.0):
         return 0.0
@@ -86,7 +86,7 @@ def turning_rates(body: TurningBody, x: RotationState, moment: Vector, held: Hel
 
 @njit(error_model="numpy")
 def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
-    """Return the acceleration in Hill's frame under a force for each kilogram [m/s^2]."""
+    """Return the acceleration in Hill's frame under a force per kilogram [m/s^2]."""
     q, p, v = x
     fx, fy, fz = force
     if body.in_body_axes:
@@ -115,7 +115,7 @@ def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
 def _substep(
     body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held, dt: float
 ) -> CoupledState:  # fmt: skip
-    """Return the state after one step of the classical Runge-Kutta method, the attitude not normalised."""
+    """Return the state after one step of the classical Runge-Kutta method; the attitude is not normalised."""
     k1 = _stage(body, x, force, moment, held)
     k2 = _stage(body, _moved(x, k1, 0.5 * dt), force, moment, held)
     k3 = _stage(body, _moved(x, k2, 0.5 * dt), force, moment, held)
@@ -125,13 +125,16 @@ def _substep(
 
 @njit(error_model="numpy")
 def _side(rate: float, limit: float) -> int:
-    """Return at which limit an angular velocity is: 1, -1, or 0 for neither."""
+    """Return the limit that an angular velocity has reached: 1, -1, or 0 for neither."""
     return 1 if rate >= limit else -1 if rate <= -limit else 0
 
 
 @njit(error_model="numpy")
 def _share(before: float, after: float, limit: float, held: int) -> float:
-    """Return the share of a step after which an angular velocity reaches its limit, if it goes on as it has; else 1."""
+    """Return the fraction of a step after which an angular velocity reaches its limit, by linear interpolation.
+
+    The result is 1 if the limit is not exceeded, or the angular velocity is already held there.
+    """
     if held != 0 or abs(after) <= limit * (1.0 + _ROUNDING):
         return 1.0
     return (math.copysign(limit, after) - before) / (after - before)
@@ -139,7 +142,7 @@ def _share(before: float, after: float, limit: float, held: int) -> float:
 
 @njit(error_model="numpy")
 def _tidied(x: CoupledState, limit: float) -> CoupledState:
-    """Return the state with a unit quaternion, and angular velocities within their limit."""
+    """Return the state with a unit quaternion, and with angular velocities within their limit."""
     q = x[0]
     scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     near = limit * (1.0 - _ROUNDING)
@@ -153,13 +156,13 @@ def _tidied(x: CoupledState, limit: float) -> CoupledState:
 def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vector) -> CoupledState:
     """Return the state after a step in which force and moment are held.
 
-    Steps of the classical Runge-Kutta method that end where an axis reaches its limit: the time at which it does is
-    found by linear interpolation, which is exact where the moment alone accelerates the axis, and repeated elsewhere.
+    The steps of the classical Runge-Kutta method end where an axis reaches its limit. The time at which it does is
+    found by linear interpolation, which is exact if the moment alone accelerates the axis, and is repeated otherwise.
 
     Args:
         body: The body.
         x: The state.
-        force: Force for each kilogram [m/s^2].
+        force: Force per kilogram [m/s^2].
         moment: Moment in body axes [N m].
     """
     x = _tidied(x, body.rate_limit)
@@ -184,7 +187,7 @@ def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vect
 
 @njit(error_model="numpy")
 def rests(body: TurningBody, x: RotationState, moment: Vector) -> bool:
-    """Return whether the attitude and the angular velocity stay what they are."""
+    """Return whether the attitude and the angular velocity do not change."""
     rates = turning_rates(body, x, moment, (0, 0, 0))
     moves = 0.0
     for rate in rates:

@@ -6,15 +6,15 @@ import numpy as np
 
 from safe_inspect.types import FloatArray
 
-#: Relative excess by which a principal moment may be larger than the sum of the others, for rounded data.
+#: Relative excess by which a principal moment may exceed the sum of the others, because data are rounded.
 _ROUNDING = 1e-9
 
 
 def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the principal moments and axes: ``inertia = R diag(J) R^T``.
 
-    The axes are ordered J1 <= J2 <= J3. The first two point along the positive side of the axis of M that has their
-    number, the third completes a right-handed frame; near the identity all three diagonal elements are positive.
+    The axes are ordered J1 <= J2 <= J3. The first two point along the positive side of the axis of M with the same
+    number, and the third completes a right-handed frame; near the identity all three diagonal elements are positive.
 
     Args:
         inertia: Inertia [kg m^2], shape (3, 3).
@@ -23,7 +23,7 @@ def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
         J, shape (3,), and R_MT, shape (3, 3).
 
     Raises:
-        ValueError: It is no inertia of a body: not symmetric, not positive, or J1 + J2 < J3.
+        ValueError: The matrix is not the inertia of a body: it is not symmetric, not positive, or J1 + J2 < J3.
     """
     inertia = np.asarray(inertia, dtype=np.float64)
     if inertia.shape != (3, 3) or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):

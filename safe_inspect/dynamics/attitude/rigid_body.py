@@ -1,9 +1,9 @@
-"""Rotation of rigid bodies under torque, compiled: one row kernel, and a loop over rows.
+"""Rotation of rigid bodies under torque, compiled, as a row kernel.
 
     q' = q [w, 0] / 2,        J w' = torque - w x J w
 
-with q = q_WB, and w, torque and the diagonal J in the principal axes B. Source: Markley and Crassidis, "Fundamentals of
-Spacecraft Attitude Determination and Control", Springer 2014, chapter 3.
+where q = q_WB, and w, torque and the diagonal J are in the principal axes B. Source: Markley and Crassidis,
+"Fundamentals of Spacecraft Attitude Determination and Control", Springer 2014, chapter 3.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ def moved_rotation(x: RotationState, rates: RotationState, dt: float) -> Rotatio
 
 @njit(error_model="numpy")
 def rotation_row(inertia: Vector, x: RotationState, torque: Vector, dt: float) -> RotationState:
-    """Return attitude and angular velocity after one step of the classical Runge-Kutta method, q normalised.
+    """Return attitude and angular velocity after one step of the classical Runge-Kutta method; q is normalised.
 
     Args:
         inertia: Principal moments of inertia [kg m^2].
         x: Attitude and angular velocity before the step.
         torque: Torque in B, held over the step [N m].
-        dt: The step [s].
+        dt: Length of the step [s].
     """
     k1 = rotation_rates(inertia, x, torque)
     k2 = rotation_rates(inertia, moved_rotation(x, k1, 0.5 * dt), torque)

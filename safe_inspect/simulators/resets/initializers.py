@@ -18,9 +18,9 @@ class Initializer(Plugin):
     """Function from drawn parameters to named states of R rows.
 
     Class attributes:
-        parameters: SI unit by the name of each parameter; None for a mapping of states. gives: Number of elements by
-        the name of each returned state, if the class defines them. defaults: Parameters that are used if the
-        configuration has none with their name.
+        parameters: SI unit by the name of each parameter; None for a mapping of states.
+        gives: Number of elements by the name of each returned state, if the class defines them.
+        defaults: Parameters that are used if the configuration has none with their name.
     """
 
     kind: ClassVar[str] = "initializer"

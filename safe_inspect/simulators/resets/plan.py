@@ -130,7 +130,7 @@ class ResetPlan:
             shared = {state: array for state, array in base.items() if state not in OWN_STATES and "/" not in state}
             draw = Draw(streams, f"{name}@{index}", values=values, fixed=shared)
             drawn = self.parameters[name](self._tested(draw, index, placed))
-            assert isinstance(drawn, dict), "a parameter always gives the same kind of value"
+            assert isinstance(drawn, dict), "a parameter always returns the same kind of value"
             own[name] = drawn
             for key in drawn:  # sum the statistics of the draw over all deputies
                 if "/" in key:
