@@ -42,13 +42,12 @@ WORDS = {
 #: Files and folders without any; the list may only grow.
 CLEAN = (
     "README.md",
+    "CHANGELOG.md",
     "CONTRIBUTING.md",
     "docs",
     "examples",
-    "benchmarks/README.md",
+    "benchmarks",
 )
-#: Pages within the folders above that are not clean yet; the list may only shrink.
-LATER = ("docs/leaderboard.md", "docs/task-reference.md")  # notes of configs/leaderboard.yml
 _MARKDOWN_CODE = re.compile(r"^```.*?^```|`[^`\n]+`|\]\([^)]*\)|^ {4}[^\n]*$", re.MULTILINE | re.DOTALL)
 
 
@@ -73,10 +72,9 @@ def found(path: Path) -> Iterator[str]:
 
 
 def clean_files() -> list[Path]:
-    """Return the files of `CLEAN` but those of `LATER`."""
+    """Return the files of `CLEAN`."""
     files = [path for name in CLEAN for path in ([ROOT / name] if "." in name else sorted((ROOT / name).rglob("*.*")))]
-    later = {ROOT / name for name in LATER}
-    return [path for path in files if path.suffix in (".md", ".py") and path not in later]
+    return [path for path in files if path.suffix in (".md", ".py")]
 
 
 if __name__ == "__main__":
