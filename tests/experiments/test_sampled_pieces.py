@@ -65,15 +65,17 @@ def seven_steps() -> Rollout:
     rollout.end(2, 3, masks(1, (0, 0)), masks(1))
     assert rollout.finish(0, 4, 8, finals())
     rollout.end(0, 6, masks(2, (0, 1), (1, 1)), masks(2))
-    assert rollout.finish(1, 7, 3, finals(-2.0))
+    assert rollout.finish(1, 7, 0, finals(-2.0))
     rollout.close([np.full((2, *size[:1], size[1]), 7.5) for size in SIZES])
     return rollout
 
 
 def test_agents_end_at_times_of_their_own() -> None:
-    pieces = seven_steps().pieces
+    rollout = seven_steps()
+    pieces = rollout.pieces
+    assert not rollout.random
     assert [(piece.env, piece.start, piece.stop, piece.begun, piece.episode, piece.over) for piece in pieces] == [
-        (0, 0, 4, 5, 8, True), (1, 0, 7, 11, 3, True), (0, 4, 7, 0, -1, False),
+        (0, 0, 4, 5, 8, True), (1, 0, 7, 11, 0, True), (0, 4, 7, 0, -1, False),
     ]  # fmt: skip
     spans = [[(span.start, span.length, span.terminated, span.truncated) for span in piece.spans] for piece in pieces]
     assert spans == [
@@ -403,7 +405,7 @@ def test_a_sample_is_named_by_seed_slot_and_episode_and_counted(monkeypatch: pyt
     monkeypatch.setattr(env_runners, "log_steps", lambda *given: logged.append(given) or 14)
     found, names = runner._sample(num_timesteps=9, explore=False, random_actions=True, force_reset=True)
     assert found is rollout
-    assert names == ["ff-40-8", "ff-41-3", "ff-40-20"]
+    assert names == ["ff-40-8", "ff-41-0", "ff-40-20"]
     assert logged == [
         (9, None, False, True, True), ("logger", rollout, SLOTS, 2, False),
         {"metric": "counted", "num_steps": 14},
