@@ -268,6 +268,7 @@ def test_a_frame_that_is_off_is_refused_and_two_in_a_row_are_believed(monkeypatc
     ]  # fmt: skip
     assert pipeline._bias_jumps is None
     pipeline.coast(0.1)
+    pipeline.check_biases([], "expected", 0.1)  # type: ignore[arg-type]
 
 
 def test_frames_without_edges_and_after_a_silence_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,12 +295,14 @@ def test_a_history_holds_frames_since_the_change_from_the_first_that_is_reached(
     assert history.second.tolist() == list(range(7))
     pipeline._since = 5.0
     np.testing.assert_array_equal(pipeline.history().times, [5.0, 6.0, 7.0, 8.0])
+    begun = Flight(lambda number: [edge(number)]).see(0.0, 1.0, 2.0)
+    assert begun.history().second.tolist() == [0, 1, 2]
     long = Flight().see(0.0, 1.9, 2.0, 241.0, 242.0)
     np.testing.assert_array_equal(long.history().times, [2.0, 241.0, 242.0])
 
 
 def test_a_motion_is_fitted_every_five_seconds_from_fifteen_on() -> None:
-    flight = Flight(lambda number: [edge(number)] if number and number != 21 else [])
+    flight = Flight(lambda number: [edge(number)] if number and number != 25 else [])
     flight.see(*np.arange(15.0))
     assert not flight.fits
     flight.found = lambda *given: motion(misfit=1.7, recent_misfit=1.7, aligned=True)
@@ -318,17 +321,19 @@ def test_a_motion_is_fitted_every_five_seconds_from_fifteen_on() -> None:
     assert before.time == expected.time
     np.testing.assert_array_equal(before.orientation, expected.orientation)
     flight.see(21.0, 22.0, 23.0, 24.0, 25.0)
+    assert len(flight.fits) == 2  # the frame has no edges
+    flight.see(26.0)
     assert len(flight.fits) == 3
     # A motion that fits badly, or whose axes have other directions, is no start for the next.
     flight.pipeline.target = motion(misfit=1.9)
-    flight.see(*np.arange(26.0, 31.0))
+    flight.see(*np.arange(27.0, 32.0))
     assert flight.fits[3][2] is None
     flight.pipeline.target = motion(aligned=False)
-    flight.see(*np.arange(31.0, 36.0))
+    flight.see(*np.arange(32.0, 37.0))
     assert flight.fits[4][2] is None
     flight.graph.model = None
     flight.pipeline.target = motion(aligned=False)
-    flight.see(*np.arange(36.0, 41.0))
+    flight.see(*np.arange(37.0, 42.0))
     assert flight.fits[5][2] is not None
     assert flight.fits[5][3] is None
 
