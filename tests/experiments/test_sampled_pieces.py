@@ -1,0 +1,423 @@
+"""From steps to RLlib's episodes in cases small enough to count: pieces, ends, agents, decisions, and the runners."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from dummy_environment import TEAM
+from ray.rllib.env.single_agent_episode import SingleAgentEpisode
+from training_values import MAKER
+
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.experiments.sampling import env_runners
+from safe_inspect.experiments.sampling.decision_rollout import DecisionRollout, DecisionTrack
+from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
+from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
+from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, RolloutEpisode, part_of_episode
+from safe_inspect.experiments.sampling.sampler import AgentSlot
+from safe_inspect.experiments.sampling.training_env import TrainingEnv
+
+pytestmark = pytest.mark.ray
+
+#: Two groups: of two agents with 2 elements of observation, and of one with 3.
+SIZES = [(2, 2, 1, 2), (1, 3, 2, 4)]
+SLOTS = (
+    AgentSlot("red", "shared", 0, 0, 0), AgentSlot("blue", "shared", 0, 1, 1), AgentSlot("green", "own", 1, 0, 2),
+)  # fmt: skip
+SPACES = {slot.agent: (f"sees {slot.agent}", f"does {slot.agent}") for slot in SLOTS}
+
+
+def masks(agents: int, *where: tuple[int, int]) -> np.ndarray:
+    found = np.zeros((agents, 2), dtype=np.bool_)
+    for place in where:
+        found[place] = True
+    return found
+
+
+def finals(sign: float = -1.0) -> list[np.ndarray]:
+    return [sign * np.arange(4.0).reshape(2, 2), sign * np.arange(3.0).reshape(1, 3)]
+
+
+def filled(rollout: Any) -> Any:
+    """Let each number of a rollout's arrays be its own."""
+    for number, track in enumerate(rollout.tracks, 1):
+        for place, name in enumerate(("observations", "actions", "inputs", "log_probabilities", "rewards"), 1):
+            array = getattr(track, name)
+            array[...] = 1000 * number + 100 * place + np.arange(array.size).reshape(array.shape)
+    return rollout
+
+
+def seven_steps() -> Rollout:
+    """Return 7 steps of two environments, in the second of which the last agent had ended before.
+
+    In the first, blue terminates at 2, red and green at 4 by time and in the task's way; then all go on. In the second,
+    the others end at 7 with the last step, in the task's way.
+    """
+    flying = np.ones((3, 2), dtype=np.bool_)
+    flying[2, 1] = False
+    rollout = filled(Rollout(SIZES, 2, 7, np.array([5, 11]), flying))
+    rollout.end(0, 1, masks(2, (1, 0)), masks(2))
+    rollout.end(0, 3, masks(2), masks(2, (0, 0)))
+    rollout.end(2, 3, masks(1, (0, 0)), masks(1))
+    assert rollout.finish(0, 4, 8, finals())
+    rollout.end(0, 6, masks(2, (0, 1), (1, 1)), masks(2))
+    assert rollout.finish(1, 7, 0, finals(-2.0))
+    rollout.close([np.full((2, *size[:1], size[1]), 7.5) for size in SIZES])
+    return rollout
+
+
+def test_agents_end_at_times_of_their_own() -> None:
+    rollout = seven_steps()
+    pieces = rollout.pieces
+    assert not rollout.random
+    assert [(piece.env, piece.start, piece.stop, piece.begun, piece.episode, piece.over) for piece in pieces] == [
+        (0, 0, 4, 5, 8, True), (1, 0, 7, 11, 0, True), (0, 4, 7, 0, -1, False),
+    ]  # fmt: skip
+    spans = [[(span.start, span.length, span.terminated, span.truncated) for span in piece.spans] for piece in pieces]
+    assert spans == [
+        [(0, 4, False, True), (0, 2, True, False), (0, 4, True, False)],
+        [(0, 7, True, False), (0, 7, True, False), (0, 0, False, False)],
+        [(4, 3, False, False)] * 3,
+    ]
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> None:
+    rollout = seven_steps()
+    rollout.random = not drawn
+    first, second, third = multi_agent_episodes(rollout, SLOTS, SPACES, ["a", "b", "c"], 6, "mapping")
+    assert [(one.env_t_started, one.env_t) for one in (first, second, third)] == [(5, 9), (11, 18), (0, 3)]
+    assert [(one.is_terminated, one.is_truncated) for one in (first, second, third)] == [
+        (False, True), (True, False), (False, False),
+    ]  # fmt: skip
+    assert list(first.agent_episodes) == ["red", "blue", "green"]
+    assert list(second.agent_episodes) == ["red", "blue"]
+    one, track = first.agent_episodes["blue"], rollout.tracks[0]
+    assert (one.id_, one.agent_id, one.module_id, one.multi_agent_episode_id) == ("a-blue", "blue", "shared", "a")
+    assert (one.is_terminated, one.is_truncated, one._begun, one._spaces) == (True, False, 5, SPACES["blue"])
+    np.testing.assert_array_equal(one.part.whole_observations, track.observations[1, 0, :3])  # it ended early
+    for name in ("actions", "rewards", *(("inputs", "log_probabilities") if drawn else ())):
+        np.testing.assert_array_equal(getattr(one.part, name), getattr(track, name)[1, 0, :2])
+    assert (one.part.inputs is None, one.part.log_probabilities is None) == (not drawn, not drawn)
+    assert (one.part.weights, one.part.steps) == (6, None)
+    last = first.agent_episodes["green"].part.whole_observations
+    np.testing.assert_array_equal(last[:4], rollout.tracks[1].observations[0, 0, :4])
+    np.testing.assert_array_equal(last[4], [0.0, -1.0, -2.0])
+    on = third.agent_episodes["red"].part.whole_observations
+    np.testing.assert_array_equal(on[:3], track.observations[0, 0, 4:7])
+    np.testing.assert_array_equal(on[3], [7.5, 7.5])
+    # Where green alone is wanted, there is no episode without it.
+    green = multi_agent_episodes(rollout, SLOTS[2:], SPACES, ["a", "b", "c"], 6, "mapping")
+    assert [list(episode.agent_episodes) for episode in green] == [["green"]] * 2
+    assert [episode.id_ for episode in green] == ["a", "c"]
+
+
+def test_an_episode_of_one_agent_is_a_piece_with_steps() -> None:
+    rollout = filled(Rollout(SIZES[1:], 2, 3, np.array([0, 4]), np.array([[True, False]])))
+    rollout.end(0, 2, masks(1), masks(1, (0, 0)))
+    rollout.finish(0, 3, 0, finals()[1:])
+    rollout.close([np.zeros((2, 1, 3))])
+    slot = AgentSlot("pilot", "default_policy", 0, 0, 0)
+    (one,) = single_agent_episodes(rollout, slot, ("sees", "does"), ["a", "b"], 2)
+    assert (one.id_, one.is_terminated, one.is_truncated, len(one), one.agent_id) == ("a", False, True, 3, None)
+
+
+def test_episodes_beyond_those_that_are_wanted_are_left_out() -> None:
+    rollout = Rollout(SIZES, 2, 2, np.zeros(2, dtype=np.int64), np.ones((3, 2), dtype=np.bool_), np.array([1, 2]))
+    rollout.tracks[0].actions[...] = 3.0
+    rollout.tracks[0].rewards[...] = np.arange(8.0).reshape(2, 2, 2)
+    rollout.reserve(2)
+    assert rollout.tracks[0].rewards.shape == (2, 2, 2)
+    rollout.reserve(5)
+    assert rollout.tracks[0].rewards.shape == (2, 2, 8)
+    assert rollout.tracks[1].observations.shape[:2] == (1, 2)
+    assert rollout.tracks[1].observations.shape[2] >= 9
+    np.testing.assert_array_equal(rollout.tracks[0].rewards[:, :, :2], np.arange(8.0).reshape(2, 2, 2))
+    np.testing.assert_array_equal(rollout.tracks[0].actions[:, :, :2], 3.0)
+    kept = []
+    for env, stop, episode in ((0, 2, 0), (0, 3, 1), (1, 3, 0), (1, 6, 1)):
+        assert rollout.missing
+        kept.append(rollout.finish(env, stop, episode, finals()))
+    assert kept == [True, False, True, True]
+    assert not rollout.missing
+    assert [(piece.env, piece.start, piece.stop, piece.begun) for piece in rollout.pieces] == [
+        (0, 0, 2, 0), (1, 0, 3, 0), (1, 3, 6, 0),
+    ]  # fmt: skip
+
+
+def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
+    """The first environment ends after step 4, with 2, 1 and 3 decisions; the second goes on with 1, 0 and 2."""
+    rollout = DecisionRollout(SIZES, np.array([6, 0]))
+    group, alone = rollout.tracks
+    group.counts[:, 0], alone.counts[:, 0] = [2, 1], [3]
+    rollout.end(0, masks(2, (1, 0)), masks(2))
+    rollout.end(2, masks(1), masks(1, (0, 0)))
+    assert rollout.finish(0, 4, 9)
+    assert [track.counts[:, 0].tolist() for track in rollout.tracks] == [[3, 2], [4]]  # behind the last observation
+    group.counts[0, 0] += 1
+    group.counts[:, 1], alone.counts[:, 1] = [1, 0], [2]
+    rollout.close(7)
+    found = [
+        (piece.env, piece.start, piece.stop, piece.begun, piece.episode,
+         [(span.start, span.length, span.terminated, span.truncated) for span in piece.spans])
+        for piece in rollout.pieces
+    ]  # fmt: skip
+    cut = (False, False)
+    assert found == [
+        (0, 0, 4, 6, 9, [(0, 2, *cut), (0, 1, True, False), (0, 3, False, True)]),
+        (0, 4, 7, 0, -1, [(3, 1, *cut), (2, 0, *cut), (4, 0, *cut)]),
+        (1, 0, 7, 0, -1, [(0, 1, *cut), (0, 0, *cut), (0, 2, *cut)]),
+    ]
+    again = DecisionRollout(SIZES, np.zeros(2, dtype=np.int64), np.array([1, 0]))
+    assert again.missing
+    assert [again.finish(1, 3, 0), again.finish(0, 5, 0), again.finish(0, 9, 1)] == [False, True, False]
+    assert not again.missing
+    again.close(9)
+    assert [(piece.env, piece.start, piece.stop) for piece in again.pieces] == [(0, 0, 5), (1, 3, 9)]
+
+
+def test_a_track_of_decisions_grows_and_hands_over_what_has_begun() -> None:
+    names = ("observations", "actions", "inputs", "log_probabilities")
+    track, rng = DecisionTrack((2, 3, 1, 2), 4), np.random.default_rng(2)
+    written: dict[str, list[Any]] = {name: [] for name in (*names, "rewards", "steps")}
+    agents, rows = np.indices((2, 4))
+    for count in range(100):
+        track.counts[...] = count
+        track.reserve()
+        assert count + 2 < min(getattr(track, name).shape[2] for name in written)
+        for name, values in written.items():
+            array = getattr(track, name)
+            values.append((100 * rng.random((2, 4, *array.shape[3:]))).astype(array.dtype))
+            array[agents, rows, track.counts] = values[-1]
+    for name, values in written.items():
+        np.testing.assert_array_equal(getattr(track, name)[:, :, :100], np.stack(values, axis=2))
+    track.counts[...] = rng.integers(0, 100, (2, 4))
+    pending, fresh = track.pending(), DecisionTrack((2, 3, 1, 2), 4)
+    fresh.resume(pending)
+    assert set(pending) == set(names)
+    for name in names:
+        for agent, row in np.ndindex(2, 4):
+            expected = written[name][track.counts[agent, row]][agent, row]
+            np.testing.assert_array_equal(getattr(fresh, name)[agent, row, 0], expected)
+    track.observations[...] = 0.0
+    assert pending["observations"].any()  # copies
+
+
+def test_an_episode_of_decisions_tells_rllib_of_their_steps() -> None:
+    one = EpisodePart(
+        np.zeros((3, 1), np.float32), None, np.zeros((2, 1), np.float32), np.zeros((2, 2), np.float32),
+        np.zeros(2, np.float32), np.array([1.0, 2.0], np.float32), False, None, np.array([4, 9]),
+    )  # fmt: skip
+    import gymnasium
+
+    space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
+    episode = RolloutEpisode(one, "name", (space, space), 3, True)
+    assert set(episode.extra_model_outputs) == {"action_dist_inputs", "action_logp", "decision_steps"}
+    assert (episode.part, episode.t_started, episode.is_truncated, episode.is_terminated) == (None, 3, True, False)
+    found = part_of_episode(episode)
+    assert (found.weights, found.final) == (None, None)
+    np.testing.assert_array_equal(found.steps, [4, 9])
+
+
+def test_the_learner_takes_no_steps_of_the_time_before() -> None:
+    outputs = {"action_dist_inputs": np.arange(10.0).reshape(5, 2), "action_logp": np.arange(5.0)}
+    episode = SingleAgentEpisode(
+        observations=np.arange(6.0)[:, None], actions=np.arange(5.0)[:, None], rewards=np.arange(5.0),
+        infos=[{}] * 6, extra_model_outputs={**outputs, "weights_seq_no": np.array([1.0, 1.0, 4.0, 4.0, 7.0])},
+        terminated=True, len_lookback_buffer=2,
+    )  # fmt: skip
+    episode.to_numpy()
+    found = part_of_episode(episode)
+    assert (len(found), found.terminated, found.weights, found.steps) == (3, True, 5.0, None)
+    np.testing.assert_array_equal(found.whole_observations[:, 0], [2, 3, 4, 5])
+    np.testing.assert_array_equal(found.actions[:, 0], [2, 3, 4])
+    np.testing.assert_array_equal(found.inputs, outputs["action_dist_inputs"][2:])
+
+
+class Steps:
+    """Stands for a team's step: keeps the actions, and ends whom it is told to end."""
+
+    def __init__(self, env: Any) -> None:
+        self.team, self.actions = env.team, list[Any]()
+        self.ends: dict[str, tuple[bool, bool]] = {}
+        self.over = False
+        env.team.step = self
+
+    def __call__(self, actions: Any) -> Any:
+        self.actions.append([np.array(one) for one in actions])
+        groups = []
+        for group in self.team.groups:
+            ends = np.array([[self.ends.get(agent, (False, False)) for agent in group.agents]])
+            rewards = 1.0 + group.first + np.arange(group.size, dtype=np.float64)[None]
+            observations = np.full((1, group.size, group.observation_layout.size), 0.5, np.float32)
+            groups.append(
+                SimpleNamespace(
+                    observation=observations, reward=rewards, terms={"near": rewards / 2.0},
+                    active=np.ones((1, group.size), bool), terminated=ends[..., 0], truncated=ends[..., 1],
+                )
+            )  # fmt: skip
+        outcome = np.array([DoneStatus.RUNNING])
+        return SimpleNamespace(groups=tuple(groups), over=np.array([self.over]), outcome=outcome)
+
+
+def team_env(**more: Any) -> Any:
+    return TeamMultiAgentEnv({"experiment": {"team": TEAM}, "seed": 3, "maker": MAKER, **more})
+
+
+def test_an_agent_that_ends_is_named_and_a_whole_truncation_is_not() -> None:
+    env = team_env()
+    env.reset()
+    steps = Steps(env)
+    actions = {"red": np.array([1, 2, 3]), "blue": np.array([4, 5, 6]), "green": np.array([7, 8, 9])}
+    steps.ends = {"blue": (False, True)}
+    observations, rewards, terminated, truncated, infos = env.step(actions)
+    assert [one.tolist() for one in steps.actions[0]] == [[[[1, 2, 3], [4, 5, 6]]], [[[7, 8, 9]]]]
+    assert {agent: len(one) for agent, one in observations.items()} == {"red": 11, "blue": 11, "green": 7}
+    assert rewards == {"red": 1.0, "blue": 2.0, "green": 3.0}
+    assert infos["green"] == {"reward/near": 1.5}
+    nobody = {"red": False, "blue": False, "green": False, "__all__": False}
+    assert (terminated, truncated) == (nobody, {**nobody, "blue": True})
+    assert (env.agents, env.report()) == (["red", "green"], None)
+    steps.ends, steps.over = {"red": (True, False), "green": (False, True)}, True
+    observations, rewards, terminated, truncated, _ = env.step({**actions, "blue": "ignored"})
+    assert steps.actions[1][0].tolist() == [[[1, 2, 3], [0, 0, 0]]]
+    assert set(observations) == set(rewards) == {"red", "green"}
+    assert terminated == {"red": True, "green": False, "__all__": False}
+    assert truncated == {"red": False, "__all__": True}
+    assert env.report()["return"] == 12.0
+    env.reset()
+    assert env.agents == ["red", "blue", "green"]
+    steps.ends = dict.fromkeys(actions, (True, False))
+    *_, terminated, truncated, _ = env.step(actions)
+    assert terminated == {"red": True, "blue": True, "green": True, "__all__": True}
+    assert truncated == nobody
+    assert env.report()["return"] == 6.0
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_flat_action_is_a_combination_of_levels(flat: bool) -> None:
+    levels = {"agents": ["pilot"], "policies": ["pilot"], "size": 11, "choices": (3, 2, 5)}
+    numbers = {"agents": ["other"], "policies": ["other"], "size": 11}
+    env = team_env(experiment={"team": [levels, numbers]}, flat_actions=flat)
+    assert env.action_spaces["other"].shape == (3,)
+    assert [getattr(env.action_spaces["pilot"], name, None) is not None for name in ("n", "nvec")] == [flat, not flat]
+    env.reset()
+    steps = Steps(env)
+    env.step({"pilot": 17 if flat else np.array([1, 1, 2]), "other": np.array([0.1, 0.2, 0.3])})
+    np.testing.assert_array_equal(np.concatenate(steps.actions[0])[:, 0], [[1, 1, 2], [0.1, 0.2, 0.3]])
+    one = TrainingEnv({"experiment": {"team": [levels]}, "seed": 3, "maker": MAKER, "flat_actions": flat}, 2)
+    one.reset()
+    assert one.action_space.shape == ((2,) if flat else (2, 3))
+    taken: list[Any] = []
+    step = one.team.step
+    one.team.step = lambda actions: taken.append(np.array(actions)) or step(actions)
+    one.step(np.array([17, 29]) if flat else np.array([[1, 1, 2], [2, 1, 4]]))
+    np.testing.assert_array_equal(taken[0][0][:, 0], [[1, 1, 2], [2, 1, 4]])
+
+
+def test_the_place_and_the_seeds_of_one_environment() -> None:
+    env = team_env(seeded_by_reset=True)
+    team, seeds = env.team, list[Any]()
+    env.place(0, 4, 0, False)
+    assert env.team is team
+    env.place(3, 4, 1, True)
+    assert env.team is not team
+    assert env.team.slots.tolist() == [9]
+    reset = env.team.reset
+    env.team.reset = lambda *, seed: seeds.append(seed) or reset(seed=seed)
+    env.reset(seed=5)
+    env._config["seeded_by_reset"] = False
+    env.reset(seed=5)
+    assert seeds == [5, None]
+
+
+def test_an_environment_that_has_ended_takes_no_action_and_begins_again() -> None:
+    env = TrainingEnv({"experiment": {"drift": 0.2}, "seed": 3, "maker": MAKER}, 3)
+    start, _ = env.reset()
+    taken: list[Any] = []
+    step = env.team.step
+    env.team.step = lambda actions: taken.append(np.array(actions[0])) or step(actions)
+    ended, again = np.zeros(3, dtype=bool), 0
+    for _ in range(60):
+        observations, rewards, terminated, truncated, _ = env.step(np.ones((3, 3), np.float32))
+        np.testing.assert_array_equal(taken[-1][:, 0], np.where(ended[:, None], 0.0, np.ones(3)))
+        assert (observations[ended, 5] == 0).all()
+        assert (rewards[ended] == 0.0).all()
+        assert not (terminated | truncated)[ended].any()
+        assert set(env.reports) == set(np.flatnonzero(terminated | truncated))
+        assert all(env.report(index) is env.reports.get(index) for index in range(3))
+        again += int(ended.sum())
+        ended = terminated | truncated
+    assert again > 5
+    assert len(start) == 3
+
+
+class Runner(env_runners.BatchedEnvRunner):
+    """A runner without what RLlib builds."""
+
+    def __init__(self, **attributes: Any) -> None:
+        vars(self).update(attributes)
+
+
+def test_a_runner_takes_whole_steps_and_begins_anew_after_whole_episodes() -> None:
+    called: list[Any] = []
+
+    class Fake:
+        def reset(self) -> None:
+            called.append("reset")
+
+        def roll(self, *given: Any) -> Any:
+            called.append(("roll", *given))
+
+        def roll_episodes(self, *given: Any) -> Any:
+            called.append(("episodes", *given))
+
+    runner = Runner(
+        _sampler=Fake(), num_envs=4, _needs_initial_reset=True, num_env_steps_sampled_lifetime=70, config=None
+    )
+    runner._roll(8, None, True, False, False)
+    runner._roll(9, None, False, True, False)
+    runner._roll(1, None, True, False, True)
+    runner._roll(None, 6, True, False, False)
+    runner._roll(None, None, True, False, False)
+    runner._roll(4, None, True, False, False)
+    assert called == [
+        "reset", ("roll", 2, True, False, 70), ("roll", 3, False, True, 70), "reset", ("roll", 1, True, False, 70),
+        ("episodes", 6, True, False, 70), ("episodes", 0, True, False, 70), "reset", ("roll", 1, True, False, 70),
+    ]  # fmt: skip
+
+
+def test_a_sample_is_named_by_seed_slot_and_episode_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rollout = seven_steps()
+    logged: list[Any] = []
+    simulation = SimpleNamespace(episodes=np.array([20, 30]))
+    sampler = SimpleNamespace(reports=["one", "two"], environment=SimpleNamespace(simulation=simulation))
+    runner = Runner(
+        config=SimpleNamespace(env_config={}), _sampler=sampler, _seed_of_slots=255, _slot=40, _done=["none"],
+        metrics="logger", agent_slots=SLOTS, _metrics_num_env_steps_sampled="counted",
+        _log_env_steps=lambda **given: logged.append(given),
+        _roll=lambda *given: logged.append(given) or rollout, _episodes=lambda found, names: (found, names),
+    )  # fmt: skip
+    monkeypatch.setattr(env_runners, "log_steps", lambda *given: logged.append(given) or 14)
+    found, names = runner._sample(num_timesteps=9, explore=False, random_actions=True, force_reset=True)
+    assert found is rollout
+    assert names == ["ff-40-8", "ff-41-0", "ff-40-20"]
+    assert logged == [
+        (9, None, False, True, True), ("logger", rollout, SLOTS, 2, False),
+        {"metric": "counted", "num_steps": 14},
+    ]  # fmt: skip
+    assert (runner._done, sampler.reports) == (["none", "one", "two"], [])
+
+
+def test_a_runner_logs_each_episode_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    logged: list[Any] = []
+    monkeypatch.setattr(env_runners, "log_episodes", lambda *given: logged.append(("episodes", *given)))
+    monkeypatch.setattr(env_runners, "log_reports", lambda *given: logged.append(("reports", *given)))
+    metrics = SimpleNamespace(reduce=lambda: "reduced")
+    runner = Runner(env="there", config="config", metrics=metrics, agent_slots=SLOTS, _done=["one"])
+    assert runner.get_metrics() == runner.get_metrics() == "reduced"
+    assert logged == [("episodes", metrics, "config", ["one"], SLOTS, False), ("reports", metrics, "config", ["one"])]
