@@ -149,7 +149,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if mistake:
             raise ArgumentError(f"the array of actions {mistake}")
         if ended.any():
-            actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action may be anything
+            actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action is ignored
         follow = None if self._view is None else self._view.follow
         infos: dict[str, Any]
         if self.core.team.decides and not ended.all():

@@ -49,5 +49,5 @@ def command(
             finite &= math.isfinite(value)
             value = _within(value, low[a], high[a])
             clipped[row, a] = value
-            control[row, axes[a]] = 0.0 + _within(value, least[a], most[a])  # never -0, as in a sum from 0
+            control[row, axes[a]] = 0.0 + _within(value, least[a], most[a])  # adding 0 avoids -0
     return finite

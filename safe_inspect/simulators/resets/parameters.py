@@ -109,7 +109,7 @@ class ConstantParameter(ScalarParameter):
 
 
 class UniformParameter(ScalarParameter):
-    """Uniform between `low` and `high`.
+    """Uniform distribution between `low` and `high`.
 
     Attributes:
         low: Smallest value, in `units`.
@@ -132,7 +132,7 @@ class UniformParameter(ScalarParameter):
 
 
 class TruncatedNormalParameter(ScalarParameter):
-    """Normal with mean `mu` and standard deviation `std`, drawn by inversion within [low, high].
+    """Normal distribution with mean `mu` and standard deviation `std`, drawn by inversion within [low, high].
 
     Attributes:
         mu: Mean of the normal before truncation, in `units`.
