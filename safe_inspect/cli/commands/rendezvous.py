@@ -31,7 +31,7 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
-    parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")
 
 
 def run_rendezvous(arguments: argparse.Namespace) -> int:
