@@ -1,8 +1,8 @@
 """Safe reinforcement learning of spacecraft inspection and rendezvous.
 
 Importing the package registers its Gymnasium ids. `make`, `make_vec`, `make_parallel`, `make_parallel_vec`,
-`load_experiment` and `load_policy` are imported when they are first used. Neither they nor the package load Ray or
-Torch, but `load_policy` of a checkpoint.
+`load_experiment` and `load_policy` are imported when they are first used. Neither the package nor these functions load
+Ray or Torch, except `load_policy` for a checkpoint.
 """
 
 from __future__ import annotations

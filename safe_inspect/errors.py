@@ -1,7 +1,7 @@
-"""Named errors. Each one says where, what is wrong and what to do.
+"""The exceptions of the package. Each message states where the problem is, what is wrong and what to do.
 
-Commands print them without a traceback and exit with code 2; a program that
-imports the package catches `SafeInspectError`.
+Commands print them without a traceback and exit with code 2; programs that import the package can catch
+`SafeInspectError`.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 
 
 class SafeInspectError(Exception):
-    """Base of every error that a user can cause and mend."""
+    """Base class of all errors that a user can cause and fix."""
 
 
 @dataclass(frozen=True)
 class Location:
-    """A place in a configuration file; lines and columns count from 1.
+    """A position in a configuration file; lines and columns count from 1.
 
     Attributes:
-        file: The file, or what stands for one, such as ``command line``.
-        line: The line; 0 where `text` says the place instead.
+        file: The file, or another source such as ``command line``.
+        line: The line; 0 if `text` describes the position.
         column: The column.
-        text: What was given there, for a place without lines.
+        text: The text that was given, for a source without lines.
     """
 
     file: str
@@ -42,8 +42,8 @@ class Problem:
     Attributes:
         message: What is wrong.
         path: The path of keys, such as ``rewards[0].config.scael``; empty for a whole file.
-        location: Where it stands, when it stands in a file.
-        hint: What to do; empty when the message says it.
+        location: Its position, if it is in a file.
+        hint: What to do; empty if the message contains it.
     """
 
     message: str
@@ -57,7 +57,7 @@ class Problem:
         return f"{text}; {self.hint}" if self.hint else text
 
 
-#: How many mistakes are printed.
+#: Largest number of mistakes that are printed.
 _SHOWN = 50
 
 
@@ -76,39 +76,39 @@ class ConfigError(SafeInspectError):
 
 
 class RegistryError(SafeInspectError, LookupError):
-    """A plugin name that is unknown, ambiguous or taken."""
+    """A plugin name that is unknown, ambiguous or already registered."""
 
 
 class UnitError(SafeInspectError, ValueError):
-    """A unit that is unknown or of another dimension."""
+    """A unit that is unknown or has another dimension."""
 
 
 class UnsafeInitialStateWarning(UserWarning):
-    """A safety filter is enabled, and promises nothing from an initial state."""
+    """A safety filter is enabled, but gives no guarantee from an initial state."""
 
 
 class SafetyFilterWarning(UserWarning):
-    """A safety filter is enabled where it promises less than elsewhere."""
+    """A safety filter is enabled, but its guarantee is limited in this experiment."""
 
 
 class InitialStateError(SafeInspectError, RuntimeError):
-    """No safe initial state was found; the message counts the refusals by constraint."""
+    """No safe initial state was found; the message lists the number of rejections by constraint."""
 
 
 class PluginValueError(SafeInspectError, ArithmeticError):
-    """A plugin returned NaN or infinity, or an array of the wrong shape, or wrote into an array that it was given."""
+    """A plugin returned NaN, infinity or an array of the wrong shape, or modified an array that it was given."""
 
 
 class MissingNameError(SafeInspectError, AttributeError):
-    """A plugin reads what the task does not offer; the message names what it does offer."""
+    """A plugin reads something that the task does not provide; the message lists what it provides."""
 
 
 class ArgumentError(SafeInspectError, ValueError):
-    """An action outside of its space, or an argument that an environment or its `reset` does not take."""
+    """An action outside its space, or an invalid argument of an environment or its `reset`."""
 
 
 class KeywordError(ArgumentError, TypeError):
-    """A keyword that an environment does not take; a `TypeError`, as Python raises one and as clients expect it."""
+    """An unknown keyword argument of an environment; also a `TypeError`, which Python raises and clients expect."""
 
 
 class AgentError(SafeInspectError, LookupError):
@@ -116,11 +116,11 @@ class AgentError(SafeInspectError, LookupError):
 
 
 class CheckpointError(SafeInspectError, RuntimeError):
-    """A checkpoint that is missing, damaged or of another experiment."""
+    """A checkpoint that is missing, damaged or from another experiment."""
 
 
 class MissingLibraryError(SafeInspectError, ImportError):
-    """A library of an extra that is not installed."""
+    """A library that is not installed; it belongs to one of the package's extras."""
 
 
 class OutputError(SafeInspectError, OSError):
@@ -128,7 +128,7 @@ class OutputError(SafeInspectError, OSError):
 
 
 def not_named(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return that nothing of a kind has a name, and what has."""
+    """Return a message that there is no object of a kind with this name, and the names that exist."""
     known = set(known)
     what = {"points": "body with inspection points"}.get(kind, kind)
     if not known:
@@ -137,13 +137,13 @@ def not_named(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``did you mean `x`?`` for the nearest known name or one that starts alike, else a list of what is known.
+    """Return ``did you mean `x`?`` for the most similar known name, or one with the same start, else all known names.
 
-    The list is cut at twelve names; where nothing is known, the text says that there is none.
+    The list has at most twelve names. If no name is known, the result is "there is none".
     """
     names = sorted({str(item) for item in known})
     lowered = {item.lower(): item for item in names}
-    cutoff = 0.75 if len(name) > 3 else 0.6  # one wrong letter of three
+    cutoff = 0.75 if len(name) > 3 else 0.6  # permits one wrong letter in three
     near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=cutoff)
     if not near and len(name) > 2:
         near = [item for item in lowered if item.startswith(name.lower())]

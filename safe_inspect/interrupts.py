@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP stop a command alike: by KeyboardInterrupt, so that nothing half-written is left."""
+"""Handling of Ctrl-C, SIGTERM and SIGHUP: all raise KeyboardInterrupt, so that no incomplete files are left."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-#: What asks a process to stop: Ctrl-C; `kill`, `timeout`, batch schedulers and systemd; a terminal that is closed.
+#: Signals that stop a process: Ctrl-C; `kill`, `timeout`, batch schedulers and systemd; a closed terminal.
 STOPPING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )  # Windows has no SIGHUP
 _HANGUP = getattr(signal, "SIGHUP", None)
-#: Signals that come so soon after another mean the same request: `timeout` and a closed terminal send two [s].
+#: Time within which further signals belong to the same request [s]: `timeout` and a closed terminal send two.
 _AGAIN = 1.0
-#: When the signal is sent again whose exception was lost [s].
+#: Time after which a signal is sent again if its exception was lost [s].
 _RETRY = 0.05
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has asked the command to stop; its notes say what that leaves.
+    """A signal requested that the command stop; its notes describe the state in which it stops.
 
     Attributes:
-        number: The signal.
+        number: Number of the signal.
     """
 
     def __init__(self, number: int) -> None:
@@ -37,9 +37,9 @@ class Interrupted(KeyboardInterrupt):
 
 
 def stop_quietly_until_handled() -> None:
-    """Let Ctrl-C end a command without a traceback while Python still imports, before `handled` is entered.
+    """Let Ctrl-C end a command without a traceback during imports, before `handled` is entered.
 
-    It changes nothing in a program that imports the package.
+    It has no effect in a program that imports the package.
     """
     words = getattr(sys, "orig_argv", [])
     module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
@@ -52,7 +52,7 @@ def stop_quietly_until_handled() -> None:
 
 
 def interrupt(number: int) -> NoReturn:
-    """Stop what runs.
+    """Stop the running code.
 
     Raises:
         Interrupted: Always.
@@ -62,12 +62,12 @@ def interrupt(number: int) -> NoReturn:
 
 @contextmanager
 def handled(handler: Callable[[int], None] = interrupt) -> Iterator[None]:
-    """Call a function when a signal asks the process to stop, once for signals within a second.
+    """Call a function when a signal requests that the process stop, once for all signals within a second.
 
-    A signal that is ignored, as `nohup` ignores SIGHUP, stays so. Outside the main thread nothing changes.
+    A signal that is ignored, as SIGHUP is under `nohup`, stays ignored. Outside the main thread this has no effect.
 
     Args:
-        handler: Takes the number of the signal; raises `Interrupted` unless given.
+        handler: Function of the number of the signal. Default: it raises `Interrupted`.
     """
     last, unraisable = -math.inf, sys.unraisablehook
 
@@ -90,7 +90,7 @@ def handled(handler: Callable[[int], None] = interrupt) -> Iterator[None]:
         else:
             unraisable(found)
 
-    sys.unraisablehook = retake  # destructors, and callbacks such as those of LLVM, pass no exception on
+    sys.unraisablehook = retake  # destructors and callbacks, such as LLVM's, do not propagate exceptions
     try:
         with _handlers(take):
             yield
@@ -100,7 +100,7 @@ def handled(handler: Callable[[int], None] = interrupt) -> Iterator[None]:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Let signals that ask the process to stop wait until the block has ended."""
+    """Delay signals that request that the process stop until the block has ended."""
     waiting: list[int] = []
     try:
         with _handlers(lambda number, _: waiting.append(number)):
@@ -125,12 +125,12 @@ def _handlers(handler: Callable[[int, object], None]) -> Iterator[None]:
 
 
 def _leave_terminal() -> None:
-    """Write to nowhere what would go to a terminal: it is closed, and writing to it fails."""
+    """Discard output to a terminal that is closed, because writing to it would fail."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in (1, 2):
         try:
             if stat.S_ISCHR(os.fstat(descriptor).st_mode):
                 os.dup2(nowhere, descriptor)
-        except OSError:  # it is not open
+        except OSError:  # the stream is not open
             continue
     os.close(nowhere)

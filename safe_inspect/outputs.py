@@ -1,7 +1,7 @@
-"""Files and folders that a user names: written next to their place, and moved there when they are complete.
+"""Output files and folders: written to a temporary path in the same folder, and moved to their place when complete.
 
-A command that is stopped, fails or finds the disk full leaves what was there before, and nothing half-written. A folder
-that exists is refused, unless the same command wrote it and may replace it; nothing else is ever removed.
+If a command is stopped, fails or finds the disk full, the previous output is unchanged and nothing incomplete is left.
+An existing folder is an error unless the same command wrote it and may replace it; nothing else is ever removed.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any
 
 from safe_inspect.errors import OutputError
 
-#: The errors of a place that is full: of the disk, of the user's share, and of the process's limit.
+#: Error numbers for a full disk, an exceeded quota, and the file size limit of the process.
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-#: Name of the file by which a folder is locked.
+#: Name of the lock file of a folder.
 LOCK = ".lock"
-#: Name of the file that says which command wrote a folder, and which files in it.
+#: Name of the file with the command that wrote a folder, and the files that it wrote.
 MARKER = ".safe_inspect.json"
 #: Size of a small file [bytes].
 _SMALL = 2**20
@@ -30,17 +30,17 @@ _SMALL = 2**20
 
 @contextmanager
 def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> Iterator[Path]:
-    """Give a path to write to; its file takes the place of `path` when the block ends well, and is removed otherwise.
+    """Yield a temporary path; its file replaces `path` when the block succeeds, and is removed otherwise.
 
-    The path has the suffix of `path`. Missing folders are made. What is no regular file, such as ``/dev/stdout`` or a
-    pipe, is written to itself.
+    The temporary path has the suffix of `path`. Missing folders are created. Anything other than a regular file, such
+    as ``/dev/stdout`` or a pipe, is written directly.
 
     Args:
-        path: Where the file will be; a symbolic link is followed.
-        hint: What to do when it cannot be written.
+        path: Path of the file; a symbolic link is followed.
+        hint: Advice for the error message.
 
     Raises:
-        OutputError: It cannot be written.
+        OutputError: The file cannot be written.
     """
     target = Path(path).expanduser()
     special = target.exists() and not target.is_file()
@@ -67,19 +67,19 @@ def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> I
 def new_folder(
     path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
 ) -> Iterator[Path]:
-    """Give a folder to write into, which is moved to `path` when the block ends well, and is removed otherwise.
+    """Yield a temporary folder, which is moved to `path` when the block succeeds, and is removed otherwise.
 
-    The folder gets the file `MARKER`, which names the command and lists the files that it wrote. Nothing else is ever
+    The folder gets the file `MARKER`, which contains the command and lists the files that it wrote. No other files are
     replaced or removed.
 
     Args:
-        path: Where it will be; nothing may exist there.
-        command: What writes the folder, such as ``evaluate``.
-        force: Whether `path` may be a folder that the same command wrote; it is replaced when the new one is complete.
-        hint: What to do when it cannot be written.
+        path: Path of the folder, which must not exist.
+        command: The command that writes the folder, such as ``evaluate``.
+        force: Whether `path` may be a folder of the same command; it is replaced when the new one is complete.
+        hint: Advice for the error message.
 
     Raises:
-        OutputError: Something exists at `path` that may not be replaced, or the folder cannot be written.
+        OutputError: `path` exists and may not be replaced, or the folder cannot be written.
     """
     target = Path(path).expanduser().absolute()
     work = None
@@ -109,41 +109,39 @@ def new_folder(
 def check_new_folder(
     path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
 ) -> None:
-    """Check that `new_folder` may write a folder, before there is anything to write; see there for the arguments.
+    """Check in advance that `new_folder` can write a folder; the arguments are the same.
 
     Raises:
-        OutputError: Something exists at `path` that may not be replaced.
+        OutputError: `path` exists and may not be replaced.
     """
     target = Path(path).expanduser().absolute()
     if not os.path.lexists(target):
         return
     if target.is_symlink() or not target.is_dir():
-        raise OutputError(f"{path}: this is a file or a link, so no folder can be written there; {hint}")
+        raise OutputError(f"{path}: this is a file or a symbolic link, so no folder can be written there; {hint}")
     if Path.cwd().is_relative_to(target.resolve()):
         raise OutputError(f"{path}: the working directory is in this folder, so it is not replaced; {hint}")
     if not force:
         raise OutputError(f"{path}: the folder exists already; {hint}, or replace what this command wrote: --force")
     marker = read_marker(target)
     if marker["command"] != command:
-        raise OutputError(
-            f"{path}: nothing in this folder says that `{command}` wrote it, so it is not replaced; {hint}"
-        )
+        raise OutputError(f"{path}: this folder is not marked as written by `{command}`, so it is not replaced; {hint}")
     foreign = next((name for name in _files(target) if name not in marker["files"] | {MARKER}), None)
     if foreign is not None:
-        raise OutputError(f"{path}: {foreign!r} in it is of another origin, so the folder is not replaced; {hint}")
+        raise OutputError(f"{path}: it contains {foreign!r} of another origin, so it is not replaced; {hint}")
 
 
 def mark_folder(folder: Path, command: str, files: Iterable[str], **about: Any) -> None:
-    """Write the file that says which command wrote a folder, and which files.
+    """Write the file that states which command wrote a folder, and which files in it.
 
     Args:
         folder: The folder.
         command: The command.
-        files: Their paths in the folder.
-        about: What else is noted, as JSON knows it.
+        files: Paths of the files in the folder.
+        about: Additional entries, which must be valid JSON.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     work = folder / f"{MARKER}.new"
     work.write_text(json.dumps({"command": command, "files": sorted(files), **about}, default=str) + "\n", "utf-8")
@@ -151,7 +149,7 @@ def mark_folder(folder: Path, command: str, files: Iterable[str], **about: Any) 
 
 
 def read_marker(folder: Path) -> Mapping[str, Any]:
-    """Return what `mark_folder` wrote; the command is empty where there is no such file."""
+    """Return the content of the file that `mark_folder` writes; without one, the command is empty."""
     try:
         content = json.loads((folder / MARKER).read_text(encoding="utf-8"))
         return {**content, "command": str(content["command"]), "files": {str(name) for name in content["files"]}}
@@ -160,7 +158,7 @@ def read_marker(folder: Path) -> Mapping[str, Any]:
 
 
 def remove_written(folder: Path, leave: Iterable[str] = ()) -> None:
-    """Remove the files of a folder that its marker lists, and the folder unless something else is in it.
+    """Remove the files of a folder that its marker lists, and the folder itself if it is empty then.
 
     Args:
         folder: The folder.
@@ -178,11 +176,11 @@ def remove_written(folder: Path, leave: Iterable[str] = ()) -> None:
 
 @contextmanager
 def exclusive(folder: Path, use: str) -> Iterator[None]:
-    """Keep other processes that ask for the same from a folder; the lock ends with the process.
+    """Lock a folder against other processes; the lock ends with the process.
 
     Args:
-        folder: A folder that exists; the file ``.lock`` is made in it.
-        use: What another process does there, as in "another process is ... this folder".
+        folder: An existing folder; the file ``.lock`` is created in it.
+        use: Verb for the message "another process is ... this folder".
 
     Raises:
         OutputError: Another process has the lock.
@@ -201,18 +199,18 @@ def exclusive(folder: Path, use: str) -> Iterator[None]:
 
 
 def check_writable(path: Path, endings: Collection[str] = ()) -> None:
-    """Check that `new_file` will be able to write a file that a user names, before there is anything to write.
+    """Check in advance that `new_file` can write a file.
 
     Args:
         path: The file.
-        endings: Those of the format that is written: an existing file with another ending is not replaced.
+        endings: Suffixes of the format; an existing file with another suffix is not replaced.
 
     Raises:
-        OutputError: It cannot be written, or is not replaced.
+        OutputError: The file cannot be written or is not replaced.
     """
     if endings and path.is_file() and path.suffix.lower() not in endings:
         raise OutputError(
-            f"{path}: the file exists already, and only a file that ends in {' or '.join(endings)} is replaced; give "
+            f"{path}: the file exists, and only files that end in {' or '.join(endings)} are replaced; give "
             "another file"
         )
     if path.is_dir():
@@ -229,10 +227,10 @@ def check_writable(path: Path, endings: Collection[str] = ()) -> None:
 
 
 def check_parent(folder: Path, hint: str = "give another with --output") -> None:
-    """Check that a folder can be made, or written into, before there is anything to write; nothing is left.
+    """Check in advance that a folder can be created or written to; the check leaves nothing behind.
 
     Raises:
-        OutputError: It cannot.
+        OutputError: The folder cannot be created or written to.
     """
     place = folder.expanduser().absolute()
     while not os.path.lexists(place):
@@ -247,15 +245,15 @@ def check_parent(folder: Path, hint: str = "give another with --output") -> None
 def cannot_write(
     path: str | os.PathLike[str], error: OSError, hint: str = "give another file", what: str = "file"
 ) -> OutputError:
-    """Return the error of an output that cannot be written, with its cause and what to do."""
+    """Return the error of an output that cannot be written, with its cause and a hint."""
     reason = error.strerror or str(error)
-    if error.errno in NO_SPACE:  # PyArrow words it otherwise
+    if error.errno in NO_SPACE:  # PyArrow has another text for it
         reason, hint = os.strerror(error.errno), f"free some space, or {hint}"
     return OutputError(f"{os.fspath(path)}: the {what} cannot be written ({reason}); {hint}")
 
 
 def is_full(folder: Path) -> bool:
-    """Return whether not even a small file can be written into a folder for want of space."""
+    """Return whether there is no space for even a small file in a folder."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(_SMALL))
@@ -267,7 +265,7 @@ def is_full(folder: Path) -> bool:
 
 @contextmanager
 def _parent(target: Path, *, keep: bool = True) -> Iterator[None]:
-    """Create the missing parent folders of a path; remove them when the block fails, or without `keep` in any case."""
+    """Create the missing parent folders of a path; remove them if the block fails, or always without `keep`."""
     missing = [folder for folder in target.absolute().parents if not folder.exists()]
     complete = False
     try:
@@ -279,18 +277,18 @@ def _parent(target: Path, *, keep: bool = True) -> Iterator[None]:
         complete = keep
     finally:
         for folder in [] if complete else missing:
-            with suppress(OSError):  # not made, or no longer empty
+            with suppress(OSError):  # not created, or no longer empty
                 folder.rmdir()
 
 
 def _check_access(target: Path) -> None:
-    """Refuse to replace a file that is read-only."""
+    """Raise PermissionError if the file is read-only."""
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
 
 def _files(folder: Path) -> list[str]:
-    """Return the paths in a folder of all that is no folder, and of all empty folders."""
+    """Return the paths in a folder of everything that is not a folder, and of all empty folders."""
     found = []
     for place, folders, files in os.walk(folder):
         names = files + [name for name in folders if os.path.islink(os.path.join(place, name))]
@@ -301,7 +299,7 @@ def _files(folder: Path) -> list[str]:
 
 
 def _put(work: Path, target: Path) -> None:
-    """Move a complete folder to its place; what the command wrote there before goes when the new one is in it."""
+    """Move a complete folder to its place; earlier files of the command are removed after that."""
     old = work.with_suffix(".old")
     try:
         if os.path.lexists(target):
@@ -315,26 +313,26 @@ def _put(work: Path, target: Path) -> None:
 
 
 def _umask() -> int:
-    """Return the mask of new files, which can only be read by setting it."""
+    """Return the file mode creation mask, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def check_ending(path: Path, endings: Sequence[str], what: str, option: str = "--output") -> None:
-    """Refuse a file that cannot be written in the format of its name, before there is anything to write.
+    """Check in advance that a file can be written in the format of its suffix.
 
     Args:
         path: The file.
-        endings: Those of the formats that can be written, such as ``.png``.
-        what: What is written, such as ``figure``.
-        option: The option that names the file.
+        endings: Suffixes of the formats that can be written, such as ``.png``.
+        what: Kind of content, such as ``figure``.
+        option: The command line option of the file.
 
     Raises:
-        OutputError: The name has another ending, or the file cannot be written.
+        OutputError: The name has another suffix, or the file cannot be written.
     """
     if path.suffix.lower() not in endings:
         raise OutputError(
-            f"{path}: the name of the {what} ends in {', '.join(endings)}; give such a file with {option}"
+            f"{path}: the name of the {what} must end in {', '.join(endings)}; give such a name with {option}"
         )
     check_writable(path)

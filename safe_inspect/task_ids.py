@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import gymnasium
 
-#: The experiment file of every registered id, below the shipped configurations. An id that comes to mean another task
-#: takes a new version, or a new name; Seed has the values of the project's first files.
+#: The experiment file of every registered id, relative to the shipped configurations. If an id changes its meaning, it
+#: gets a new version or a new name; Seed ids have the values of the project's first files.
 TASKS = {
     "safe_inspect/TranslationalInspectionSeed-v0": "translational-inspection/experiment-seed.yml",
     "safe_inspect/TranslationalInspection-v1": "translational-inspection/experiment.yml",
@@ -16,7 +16,7 @@ TASKS = {
     "safe_inspect/TumblingRendezvous-v0": "tumbling-rendezvous-learning/experiment.yml",
 }
 
-#: The experiment file of every id that stands for several agents; Gymnasium makes single agents only.
+#: The experiment file of every id with several agents; Gymnasium only makes single agents.
 TEAM_TASKS = {
     "safe_inspect/MultiagentTranslationalInspectionSeed-v0": "multiagent-translational-inspection/experiment-seed.yml",
     "safe_inspect/MultiagentTranslationalInspection-v1": "multiagent-translational-inspection/experiment.yml",
@@ -30,22 +30,23 @@ TEAM_TASKS = {
 
 ALL_TASKS = TASKS | TEAM_TASKS
 
-#: Former ids and the present ones. They work, with a warning, for Gymnasium's own recommends version 1, another task.
+#: Former ids and their new names. They work with a warning, because Gymnasium's own warning would recommend version 1,
+#: which is a different task.
 FORMER_IDS = {
     f"safe_inspect/{team}TranslationalInspection-v0": f"safe_inspect/{team}TranslationalInspectionSeed-v0"
     for team in ("", "Multiagent")
 }
 
-#: What an id changes in its file: here the safety filter is on, as it is in the file of three deputies.
+#: Overrides of an id to its file: here they enable the safety filter, as the file for three deputies does.
 TASK_OVERRIDES = {
     "safe_inspect/FilteredTranslationalInspection-v1": ("RTAGlueCWHInspection1v1.config.enabled=True",),
 }
 
 
 def register_tasks() -> None:
-    """Register the ids with Gymnasium; what they stand for is imported when one is made.
+    """Register the ids with Gymnasium; their environments are imported when one is made.
 
-    Those of several agents are registered too: Gymnasium cannot make them, and the error names what can.
+    Ids with several agents are also registered: Gymnasium cannot make them, and the error names the function that can.
     """
     for name in (*ALL_TASKS, *FORMER_IDS):
         if name not in gymnasium.registry:

@@ -1,4 +1,4 @@
-"""Array types that the public signatures use, and how an array of the state is declared."""
+"""Array types of the public signatures, and the declaration of an array of the state."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Observation: TypeAlias = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """One declared array of the state.
+    """Declaration of an array of the state.
 
     Attributes:
-        shape: Shape behind the environment axis.
+        shape: Shape without the environment axis.
         dtype: NumPy type.
         fill: Value at a reset.
-        constant: Whether it keeps its value through an episode.
+        constant: Whether its value is constant during an episode.
     """
 
     shape: tuple[int, ...]

@@ -1,8 +1,8 @@
-"""Units at the border: a configuration may give any unit, the code sees SI alone.
+"""Units of configured values: a configuration may use any unit, but the code only uses SI units.
 
-A field is declared with its SI unit (`radius: Length`) and takes a number in
-that unit, a text (``"0.8 km"``) or a mapping (``{value: 800, units: meters}``).
-The conversion happens once, when the field is validated.
+A field is declared with its SI unit (`radius: Length`) and accepts a number in
+that unit, a string (``"0.8 km"``) or a mapping (``{value: 800, units: meters}``).
+The value is converted once, when the field is validated.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class Unit:
     """A unit of measurement.
 
     Attributes:
-        symbol: The SI unit of its dimension, such as ``m/s``.
-        factor: Multiply a value by this to get SI.
+        symbol: SI unit of the same dimension, such as ``m/s``.
+        factor: Factor from this unit to the SI unit.
     """
 
     symbol: str
@@ -84,40 +84,40 @@ def unit(name: str) -> Unit:
 
 
 def factor(name: str, symbol: str) -> float:
-    """Return what turns a value in the unit `name` into the SI unit `symbol`.
+    """Return the factor from the unit `name` to the SI unit `symbol`.
 
     Raises:
-        UnitError: The unit is unknown, or of another dimension.
+        UnitError: The unit is unknown or has another dimension.
     """
     found = unit(name)
     if found.symbol != symbol:
-        raise UnitError(f"{name!r} is no unit of {_describe(symbol)}; give it in {symbol or 'no unit'!r}")
+        raise UnitError(f"{name!r} is not a unit of {_describe(symbol)}; use {symbol or 'no unit'!r}")
     return found.factor
 
 
 def to_si(value: Any, symbol: str) -> Any:
     """Convert a configured value to the SI unit `symbol`.
 
-    Numbers pass as they are; ``"800 m"`` and ``{value: 0.8, units: km}`` are converted.
+    Numbers are returned unchanged; ``"800 m"`` and ``{value: 0.8, units: km}`` are converted.
 
     Raises:
-        UnitError: The text is no quantity, or its unit does not fit.
+        UnitError: The value is not a quantity, or its unit has another dimension.
     """
     if isinstance(value, bool):
-        raise UnitError(f"{str(value).lower()} is no quantity; write a number in {symbol or 'no unit'}")
+        raise UnitError(f"{str(value).lower()} is not a quantity; write a number in {symbol or 'no unit'}")
     if isinstance(value, str):
         match = _QUANTITY.match(value)
         if match is None:
-            raise UnitError(f"{value!r} is no quantity; write a number in {symbol or 'no unit'}, or '1.5 {symbol}'")
+            raise UnitError(f"{value!r} is not a quantity; write a number in {symbol or 'no unit'}, or '1.5 {symbol}'")
         number, name = float(match[1]), match[2]
         return number * factor(name, symbol) if name else number
     if isinstance(value, Mapping):
         unknown = set(value) - {"value", "units", "name"}
         if unknown or "value" not in value:
-            raise UnitError(f"a quantity has the keys `value` and `units`, not {sorted(map(str, value))}")
+            raise UnitError(f"a quantity must have the keys `value` and `units`, not {sorted(map(str, value))}")
         number = value["value"]
         if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise UnitError(f"the value {number!r} is no number")
+            raise UnitError(f"the value {number!r} is not a number")
         name = value.get("units")
         return float(number) * factor(str(name), symbol) if name is not None else float(number)
     return value
@@ -156,7 +156,7 @@ NonNegativeAngle = quantity("rad", ge=0)
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
-#: Full angle of a cone, up to that which holds every direction.
+#: Full angle of a cone, up to 2 pi, which contains every direction.
 ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
 PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
 PositiveMomentOfInertia = quantity("kg m^2", gt=0)

@@ -1,1 +1,1 @@
-"""The commands. `main` parses; each other module is a command, or what several share."""
+"""The commands. `main` parses the command line; each other module is a command or is shared by several."""

@@ -1,4 +1,4 @@
-"""Types of command line arguments that several commands share."""
+"""Types of command line arguments that are shared by several commands."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 
 
 def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:
-    """Add ``--output`` of a folder, which is written by `safe_inspect.outputs.new_folder`, and ``--force``.
+    """Add ``--output`` for a folder that `safe_inspect.outputs.new_folder` writes, and ``--force``.
 
     Args:
-        parser: The command's.
-        about: What is written into the folder.
-        required: Whether the command line is refused without it.
+        parser: Parser of the command.
+        about: Contents of the folder, for the help text.
+        required: Whether the option is required.
     """
     parser.add_argument(
         "--output", type=Path, required=required, metavar="FOLDER", help=f"write {about} into this new folder"
@@ -22,27 +22,27 @@ def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: 
 
 
 def positive(text: str) -> int:
-    """Return a whole number of at least 1."""
+    """Return a whole number that is at least 1."""
     try:
         number = int(text)
     except ValueError:
         number = 0
     if number < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, not {text!r}")
     return number
 
 
 def seed(text: str) -> int:
     """Return a seed."""
     if not text.isdecimal() or len(text) > 20 or int(text) >= 2**64:
-        raise argparse.ArgumentTypeError(f"a whole number from 0 to 2**64 - 1 is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a whole number from 0 to 2**64 - 1, not {text!r}")
     return int(text)
 
 
 def natural(text: str) -> int:
-    """Return a whole number of at least 0."""
+    """Return a whole number that is at least 0."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"a whole number of at least 0 is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, not {text!r}")
     return int(text)
 
 
@@ -53,5 +53,5 @@ def positive_number(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a positive number, not {text!r}")
     return number

@@ -1,4 +1,4 @@
-"""What the commands share: how a command line is parsed, and what becomes of mistakes and interruptions."""
+"""Code that the commands share: parsing of the command line, and handling of mistakes and interruptions."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
 _USER_ERROR = 2
-#: Names of parsed arguments that are no options.
+#: Names of parsed arguments that are not options.
 _HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source", "--sources"}
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose mistakes are one line; those of subcommands are of this class too.
+    """A parser that prints a mistake as one line; the parsers of subcommands are of this class too.
 
     Args:
-        command: A module of `cli.commands` and the name of a command in it, of which ``add_NAME_arguments`` adds the
-            arguments and ``run_NAME`` is what it does. The module is imported when a command line is parsed, so that
-            neither other commands nor the list of all wait for what it needs. None for a parser with subcommands.
-        options: Those of `argparse.ArgumentParser`.
+        command: A module of `cli.commands` and the name of a command in it, whose arguments are added by
+            ``add_NAME_arguments`` and which ``run_NAME`` runs. The module is imported when a command line is parsed, so
+            that other commands and the list of commands do not import it. None for a parser with subcommands.
+        options: Keyword arguments of `argparse.ArgumentParser`.
     """
 
     def __init__(self, *, command: tuple[str, str] | None = None, **options: Any) -> None:
@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
         self._command = command
 
     def load(self) -> None:
-        """Import the command and add its arguments; do nothing the second time."""
+        """Import the command and add its arguments, unless this has been done."""
         if self._command is None:
             return
         (module, name), self._command = self._command, None
@@ -54,18 +54,18 @@ class Parser(argparse.ArgumentParser):
 
     @property
     def has_commands(self) -> bool:
-        """Whether it has subcommands."""
+        """Whether the parser has subcommands."""
         return self._subparsers is not None
 
     def check_option(self, word: str) -> None:
-        """Refuse an option in place of a command that is not one of the parser's own."""
+        """Raise an error for an unknown option in place of a command."""
         known = list(self._option_string_actions)
         if word != "--" and not any(option.startswith(word.partition("=")[0]) for option in known):
             near = did_you_mean(word, known) if word.startswith("--") else "known: --help, --version"
             self.error(f"unrecognized arguments: {word}; {near}")
 
     def error(self, message: str) -> NoReturn:
-        """Print the mistake and where help is, and exit."""
+        """Print the mistake and a reference to the help, and exit."""
         mistyped = re.fullmatch(r"argument COMMAND: invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if mistyped:
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
@@ -76,8 +76,8 @@ class Parser(argparse.ArgumentParser):
 def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse a command line.
 
-    Overrides may stand anywhere; argparse alone takes them before the options only. An experiment, see
-    `add_experiment_file`, is given by ``--cfg`` or as the one word that is no override.
+    Overrides may be given anywhere; argparse itself only accepts them before the options. The experiment, see
+    `add_experiment_file`, is given by ``--cfg`` or as the only word that is not an override.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     words = [*words[1:2], "--help"] if words[:1] == ["help"] and parser.has_commands else words
@@ -101,15 +101,15 @@ def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Name
         if arguments.cfg is None and unknown and not is_option(unknown[0]):
             arguments.cfg = unknown.pop(0)
         if arguments.cfg is None and not unknown and arguments.experiment_needed:
-            parser.error("no experiment: give its file")
+            parser.error("no experiment: give an experiment file")
     if getattr(arguments, "force", False) and getattr(arguments, "output", None) is None:
-        parser.error("--force replaces what --output names; give --output, or leave --force out")
+        parser.error("--force needs --output; give --output, or remove --force")
     if unknown:
         options = {f"--{name.replace('_', '-')}" for name in vars(arguments)}
         near = did_you_mean(unknown[0], options - _HIDDEN) if unknown[0].startswith("--") else ""
         hint = f"; {near}" if near.startswith("did you mean") else ""
         if unknown[0].startswith("--override"):
-            hint = "; write KEY=VALUE alone"
+            hint = "; write only KEY=VALUE"
         elif not is_option(unknown[0]):
             hint = f"; {equals_hint(unknown[0])}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
@@ -117,22 +117,22 @@ def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Name
 
 
 def equals_hint(word: str) -> str:
-    """Return how to write a word as an override."""
+    """Return a hint on how to write a word as an override."""
     key, colon, value = word.partition(":")
-    return f"did you mean `{key}={value}`?" if colon and value else "values are replaced by KEY=VALUE"
+    return f"did you mean `{key}={value}`?" if colon and value else "write an override as KEY=VALUE"
 
 
 def is_override(word: str) -> bool:
-    """Return whether a word of a command line is ``KEY=VALUE`` or ``~KEY``, and no file."""
+    """Return whether a word of a command line is ``KEY=VALUE`` or ``~KEY``, and not a file."""
     return word.startswith("~") or ("=" in word and not os.path.exists(word))
 
 
 def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """Add an experiment, which `parse_arguments` takes from ``--cfg`` or from the words, and overrides.
+    """Add an experiment, which `parse_arguments` reads from ``--cfg`` or from the words, and overrides.
 
     Args:
-        parser: The command's.
-        needed: Whether the command line is refused without one.
+        parser: Parser of the command.
+        needed: Whether an experiment is required.
     """
     parser.add_argument(
         "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
@@ -143,7 +143,7 @@ def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True)
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
-    """Add overrides of a configuration that another argument names."""
+    """Add overrides of a configuration that is given by another argument."""
     parser.add_argument(
         "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value of the configuration by its "
         "dotted path; ~KEY removes it",
@@ -151,7 +151,7 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
 
 
 def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
-    """Add what names an experiment, see `add_experiment_file`, and the compute platform."""
+    """Add an experiment, see `add_experiment_file`, and the compute platform."""
     add_experiment_file(parser, needed=needed)
     parser.add_argument(
         "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
@@ -159,17 +159,17 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
 
 
 def print_loading() -> None:
-    """Print on the standard error that a command which flies missions needs some time before it does."""
+    """Print to standard error that a command with missions needs some time before it starts."""
     with suppress(OSError):
-        print("loading; compiling takes a minute where this machine has not done it yet", file=sys.stderr, flush=True)
+        print("loading; the first run on a machine compiles for a minute", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def output_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
-    """Give the folder of ``--output`` to write into, see `new_folder`; None without that option.
+    """Yield the folder of ``--output`` to write into, see `new_folder`, or None without that option.
 
     Args:
-        arguments: Those of a command with `add_output_folder`.
+        arguments: Arguments of a command with `add_output_folder`.
     """
     if arguments.output is None:
         yield None
@@ -179,17 +179,17 @@ def output_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
 
 
 def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
-    """Run a command line; return its exit code, which is 128 and the number of the signal that has stopped it.
+    """Run a command line; return its exit code, which is 128 plus the number of the signal if one has stopped it.
 
-    A mistake of the user's, a full disk and an interruption are printed without a traceback.
+    A mistake of the user, a full disk and an interruption are printed without a traceback.
 
     Args:
-        parser: Its parser.
-        argv: Its words; None for those of the process.
+        parser: Parser of the command line.
+        argv: Words of the command line. Default: those of the process.
     """
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal and a name with an umlaut
+        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal cannot print a name with an umlaut
             stream.reconfigure(errors="backslashreplace")
     try:
         with handled(), _plain_warnings():
@@ -204,7 +204,7 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt as stop:
         _print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
         return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
-    except BrokenPipeError:  # of `| head`
+    except BrokenPipeError:  # for example from `| head`
         _discard_output()
         return 0
     except OSError as error:
@@ -219,12 +219,12 @@ def _check_working_directory() -> None:
     try:
         os.getcwd()
     except FileNotFoundError:
-        raise SafeInspectError("the working directory has been removed; change to one that exists") from None
+        raise SafeInspectError("the working directory has been removed; change to an existing one") from None
 
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Print warnings to users as one line, without the place in the source code that raised them."""
+    """Print warnings to users as one line, without the location in the source code that raised them."""
     before = warnings.formatwarning
 
     def line(message: Warning | str, category: type[Warning], *place: Any) -> str:
@@ -239,20 +239,20 @@ def _plain_warnings() -> Iterator[None]:
 
 
 def print_doubts(doubts: Iterable[Problem]) -> None:
-    """Print what is allowed and may be a mistake, a line each, on the standard error."""
+    """Print permitted settings that may be mistakes to standard error, one per line."""
     for doubt in doubts:
         _print_error(f"warning: {doubt}")
 
 
 def _open_closed_streams() -> None:
-    """Let what is printed to a closed standard output or error go nowhere; no file may take its descriptor."""
+    """Discard what is printed to a closed standard output or error, whose descriptor no other file may get."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _print_error(text: str) -> None:
-    with suppress(OSError):  # nobody may be there to read it
+    with suppress(OSError):  # the reader may be gone
         print(_shortened(text), file=sys.stderr)
 
 
@@ -262,6 +262,6 @@ def _shortened(text: str) -> str:
 
 
 def _discard_output() -> None:
-    """Let what is still to be printed go nowhere: Python writes it at its end, and would complain."""
+    """Discard buffered output, because Python would write it at exit and report an error."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""`EpisodeBar`: how much of long work is done, such as episodes, steps or pictures."""
+"""`EpisodeBar`: the progress of long work, such as episodes, steps or figures."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from typing import TextIO
 from safe_inspect.compiling import compiling_seconds
 from safe_inspect.experiments.runs.progress import clock_text
 
-#: Seconds between two lines where there is no terminal.
+#: Time between two lines if there is no terminal [s].
 _SILENCE = 10.0
 
 
 class EpisodeBar:
-    """How much is done: a bar on a terminal, as a training has it, else a line every ten seconds.
+    """Progress of long work: a bar on a terminal, as for a training, otherwise a line every ten seconds.
 
-    What is left is estimated without the time of the compiler.
+    The estimate of the remaining time excludes compilation.
 
     Args:
-        label: Printed before the bar.
-        stream: Where it goes.
+        label: Text before the bar.
+        stream: Output stream.
 
     Attributes:
-        done: How much was done when it was last shown.
+        done: Number of finished items at the last update.
     """
 
     def __init__(self, label: str, stream: TextIO) -> None:
@@ -35,7 +35,7 @@ class EpisodeBar:
         self.done = 0
 
     def show(self, done: int, wanted: int, width: int = 40) -> None:
-        """Draw the bar again."""
+        """Update the bar."""
         self.done = done
         now = time.monotonic()
         if not self._terminal and now - self._told < _SILENCE:
@@ -46,7 +46,7 @@ class EpisodeBar:
             self._told = now
             print(f"{self._label}: {done:,} of {wanted:,}, left {left}", file=self._stream, flush=True)
             return
-        room = shutil.get_terminal_size().columns - len(self._label) - 28  # a line that wraps cannot be drawn anew
+        room = shutil.get_terminal_size().columns - len(self._label) - 28  # a wrapped line cannot be overwritten
         width = max(min(width, room), 0)
         full = round(width * share)
         line = f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {left}"

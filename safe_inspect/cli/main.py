@@ -17,12 +17,12 @@ _EXIT_CODES = "Exit codes: 0 success; 1 negative result; 2 mistake in the input;
 
 
 class _Command(NamedTuple):
-    """What ``--help`` says of a command.
+    """The help of a command.
 
     Attributes:
-        module: The module of `cli.commands` with its arguments and its function.
-        about: Its line in the list of commands.
-        more: What else it does.
+        module: The module of `cli.commands` with the arguments and the function of the command.
+        about: Description in the list of commands.
+        more: Further description.
         example: A command line.
     """
 
@@ -129,8 +129,8 @@ _COMMANDS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code: 0, or 2 for a mistake of the user's."""
-    with suppress(FileNotFoundError):  # as `python -m` does: a module next to the configuration can hold plugins
+    """Run the command; return its exit code, which is 0, or 2 for a mistake of the user."""
+    with suppress(FileNotFoundError):  # as `python -m` does, for modules with plugins next to the configuration
         sys.path.insert(0, os.getcwd())
     return run_command(command_parser(), argv)
 

@@ -1,4 +1,4 @@
-"""Compiled functions: kernels, and functions whose source is generated around them."""
+"""Compiled functions: kernels, and functions with generated source that call kernels."""
 
 from safe_inspect.compiling.generated import Generated, generate
 from safe_inspect.compiling.kernel import BORROWING, COMPILING_NOTE, Kernel, compiling_seconds, njit

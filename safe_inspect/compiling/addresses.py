@@ -1,7 +1,7 @@
 """Functions that are compiled and called by their address, and memory that is read by its address.
 
-A function that is called by its address is compiled once, whatever else is called beside it. This file belongs to the
-sources of compiled functions (those with ``@njit``): a change of it removes the cached machine code.
+A function that is called by its address is compiled once, whatever other functions are called. This file is
+one of the sources of compiled functions (those with ``@njit``): a change of it invalidates the cached machine code.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def pointer(context: Any, address: Any, dtype: Any) -> Any:
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
 def read_number(context: Any, address: Any, dtype: Any) -> Any:
-    """Return the number of a type that stands at an address; `carray` takes several times as long to compile."""
+    """Return the number of a type at an address; `carray` takes several times as long to compile."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = builder.inttoptr(arguments[0], context.get_value_type(signature.return_type).as_pointer())
@@ -55,7 +55,7 @@ def write_number(context: Any, address: Any, dtype: Any, value: Any) -> Any:
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
 def on_stack(context: Any, numbers: Any) -> Any:
-    """Return a pointer to a copy of a tuple of equal numbers, which holds until the calling function returns."""
+    """Return a pointer to a copy of a tuple of equal numbers, which is valid until the calling function returns."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
@@ -67,7 +67,7 @@ def on_stack(context: Any, numbers: Any) -> Any:
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
 def call_at(context: Any, address: Any, dtype: Any, arguments: Any) -> Any:
-    """Call the function of C at an address, which returns a number of a type, with a tuple of numbers and pointers."""
+    """Call the C function at an address, which returns a number of a type, with a tuple of numbers and pointers."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         given = [builder.extract_value(arguments[2], index) for index in range(len(signature.args[2]))]
@@ -79,7 +79,7 @@ def call_at(context: Any, address: Any, dtype: Any, arguments: Any) -> Any:
 
 
 def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
-    """Return a kernel as a function of C: ``address`` and ``ctypes`` hold as long as it does.
+    """Return a kernel as a C function; its ``address`` and ``ctypes`` are valid as long as the object exists.
 
     An exception in it is printed, and 0 is returned.
 
@@ -88,7 +88,7 @@ def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
         signature: Its signature, such as ``int64(int64, float64)``.
 
     Raises:
-        ValueError: It does not compile.
+        ValueError: The kernel does not compile.
     """
     try:
         return cached(lambda function, cache: cfunc(signature, cache=cache, error_model="numpy")(function), kernel)

@@ -1,4 +1,4 @@
-"""Where machine code is kept: with the package, or in a folder of the user's where that cannot be written."""
+"""Folders for machine code: in the package or, if that cannot be written, a folder of the user."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
-#: States of the sources whose machine code is kept: the present one and those before it.
+#: Number of versions of the sources whose machine code is stored, including the present one.
 _STATES = 3
 
 
@@ -42,20 +42,20 @@ def digest_of(package: Path = PACKAGE) -> str:
 
 
 def installed_folder(digest: str, package: Path | None = None) -> Path:
-    """Return the folder in a package for machine code of its sources, which have a digest."""
+    """Return the folder in a package for the machine code of sources with a digest."""
     return (package or PACKAGE) / "__pycache__" / "machine_code" / digest[:16]
 
 
 @functools.cache
 def machine_code_folder(digest: str, given: str = "") -> Path | None:
-    """Return a folder for machine code of the package's present sources; None where none can be written.
+    """Return the folder for machine code of the present sources of the package, or None if none can be written.
 
-    It is the folder that the user names, else one in the package, else one of the user's. What the package has and
-    cannot be written, such as the machine code of a container image, is copied to that of the user's.
+    It is the folder that the user has set, otherwise one in the package, otherwise one in the user's home. Existing
+    machine code in a package that cannot be written, such as that of a container image, is copied to the user's folder.
 
     Args:
         digest: Digest of the sources, see `digest_of`.
-        given: The folder that the user names with ``NUMBA_CACHE_DIR``; empty if none.
+        given: The folder that the user has set with ``NUMBA_CACHE_DIR``; empty if there is none.
     """
     if given:
         folder = Path(given) / "safe_inspect" / digest[:16]
@@ -76,14 +76,14 @@ def _can_be_written(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        os.utime(folder)  # says when it was used last
+        os.utime(folder)  # records the time of the last use
     except OSError:
         return False
     return True
 
 
 def _remove_old(parent: Path) -> None:
-    """Remove all folders of machine code but those that were used last."""
+    """Remove all folders of machine code except those that were used most recently."""
     with suppress(OSError):
         own = [path for path in parent.iterdir() if path.is_dir() and re.fullmatch("[0-9a-f]{16}", path.name)]
         used = sorted(own, key=lambda path: path.stat().st_mtime)
@@ -92,7 +92,7 @@ def _remove_old(parent: Path) -> None:
 
 
 def digest_of_files(paths: Iterable[str]) -> str:
-    """Return a digest of the names and lines of files, such as those that define the kernels that one calls."""
+    """Return a digest of the names and contents of files, such as those that define the kernels that a kernel calls."""
     digest = hashlib.sha256()
     for path in sorted(set(paths)):
         linecache.checkcache(path)

@@ -1,4 +1,4 @@
-"""Compiled functions whose source is put together at run time from kernels: loops over rows, sequences of terms."""
+"""Compiled functions with source that is generated from kernels at run time: loops over rows, sequences of terms."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ _functions: dict[str, Generated] = {}
 
 
 class Generated(Kernel[..., Any]):
-    """A kernel of generated source. A copy in another process generates it again."""
+    """A kernel with generated source. A copy in another process is generated again."""
 
     origin: tuple[str, str, Mapping[str, Kernel[..., Any]], Mapping[str, Any]]
 
     def __reduce__(self) -> Any:
-        """Pickle the kernel as what it is generated from."""
+        """Pickle the arguments from which the kernel is generated."""
         return generate, self.origin
 
 
 def generate(
     name: str, source: str, kernels: Mapping[str, Kernel[..., Any]], options: Mapping[str, Any] | None = None
 ) -> Generated:
-    """Return a function of generated source as a `Kernel`; the same source and kernels give the same one.
+    """Return a function with generated source as a `Kernel`; the same source and kernels give the same object.
 
-    The source is written to a file, so that the machine code can be cached on disk. The file is named by a digest of
-    the source and of every file that holds one of the kernels, or a kernel that these call, so that the cache cannot be
-    out of date.
+    The source is written to a file, so that the machine code can be cached on disk. The name of the file contains a
+    digest of the source and of every file that defines one of the kernels, or a kernel that these call, so that the
+    cache cannot be out of date.
 
     Args:
         name: Name of the function that the source defines.
         source: The source.
-        kernels: The kernels that it calls, by the names that it gives them.
+        kernels: The kernels that the source calls, by their names in the source.
         options: Options of `numba.njit`.
     """
     digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
@@ -50,11 +50,11 @@ def generate(
     if key not in _functions:
         path = _written(f"{name}_{key}.py", source)
         spec = importlib.util.spec_from_file_location(f"safe_inspect.compiling.generated.{path.stem}", path)
-        assert spec is not None, "a file that ends in .py has a loader"
-        assert spec.loader is not None, "as said"
+        assert spec is not None, "a file with the suffix .py has a loader"
+        assert spec.loader is not None, "a file with the suffix .py has a loader"
         module = importlib.util.module_from_spec(spec)
         vars(module).update(kernels)
-        sys.modules[spec.name] = module  # cached machine code looks its module up
+        sys.modules[spec.name] = module  # cached machine code imports its module
         spec.loader.exec_module(module)
         made = _functions[key] = Generated(getattr(module, name), options or {})
         made.origin = (name, source, kernels, options or {})
@@ -62,7 +62,7 @@ def generate(
 
 
 def _written(name: str, source: str) -> Path:
-    """Return a file that holds the source: with the package's machine code, or in a folder for temporary files."""
+    """Return a file with the source: with the package's machine code, or in a folder for temporary files."""
     own = f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}"
     chosen = machine_code_folder(digest_of())
     folders = [installed_folder(digest_of()), *([chosen] if chosen else []), Path(tempfile.gettempdir()) / own]

@@ -1,17 +1,18 @@
-"""`njit` of this package: Numba's, typed, loaded at the first call, with a cache on disk that cannot be out of date.
+"""`njit` of this package: Numba's, typed, loaded at the first call, with a disk cache that cannot be out of date.
 
-A decorated function is a `Kernel`. Importing its module loads no compiler: a configuration is validated without one.
+A decorated function is a `Kernel`. Importing its module does not load the compiler, so that a configuration is
+validated without it.
 
-Numba recompiles a cached function when its own file has changed, but not when a compiled function that it calls from
-another file has: after an update of a checkout old machine code would go on running. So machine code is kept in a
-folder that is named by a digest of all sources of the package that define kernels. The machine code of a kernel outside
-the package, such as a plugin's, lies below that, in a folder named by the other files outside the package whose kernels
-it calls.
+Numba recompiles a cached function if its file has changed, but not if a compiled function that it calls from another
+file has changed: after an update of a checkout, outdated machine code would continue to run. Therefore machine code is
+stored in a folder whose name is a digest of all sources of the package that define kernels. The machine code of a
+kernel outside the package, such as a plugin's, is in a subfolder, which is named after the other files outside the
+package whose kernels it calls.
 
-What a compiled function returns to Python is None, a number, one array, or a tuple of numbers; other results are
-written into arrays that it is given. Ctrl-C during a call is handled as soon as Python code runs again, and Numba runs
-some to return a NamedTuple or a tuple of arrays, without a check for KeyboardInterrupt: the process would end with a
-segmentation fault or a SystemError.
+A compiled function must return None, a number, one array, or a tuple of numbers to Python; other results are
+written into arrays that are passed to it. Ctrl-C during a call is handled as soon as Python code runs again. To return
+a NamedTuple or a tuple of arrays, Numba runs Python code without a check for KeyboardInterrupt, and the process would
+end with a segmentation fault or a SystemError.
 """
 
 from __future__ import annotations
@@ -33,26 +34,26 @@ from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, 
 
 __all__ = ["BORROWING", "Kernel", "njit"]
 
-#: Options of ``@njit`` for functions that make and return no array. They count no references to the arrays that they
-#: are given, for their caller holds them; else Numba changes a counter, atomically, for each array of a tuple. Numba
-#: does not document ``_nrt``. Without it the safety filter takes 1.2 times as long for a state, in the slowest percent
-#: of states 2.7 times (`benchmarks/filter_latency.py`), and a sixth longer to compile.
+#: Options of ``@njit`` for functions that neither create nor return arrays. They do not count references to the arrays
+#: that are passed to them, because their caller holds references; otherwise Numba changes a counter, atomically, for
+#: each array of a tuple. Numba does not document ``_nrt``. Without it the safety filter takes 1.2 times as long for a
+#: state, in the slowest percent of states 2.7 times (`benchmarks/filter_latency.py`), and a sixth longer to compile.
 BORROWING: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _choosing = threading.RLock()
-#: Seconds of compiling after which a terminal is told what the wait is for.
+#: Compilation time after which a message is printed on a terminal [s].
 _PATIENCE = 2.0
 _spent = [0.0]
-#: Environment variable: a file that exists while a process compiles, and after that where it took longer than that. A
-#: training gives it to Ray's processes, whose output nobody sees.
+#: Environment variable with the path of a file that exists while a process compiles, and afterwards if it took longer
+#: than that. A training sets it for Ray's processes, whose output is not visible.
 COMPILING_NOTE = "SAFE_INSPECT_COMPILING_NOTE"
 
 
 class Kernel(Generic[P, R]):
-    """A function that Numba compiles at its first call. Kernels call each other like functions.
+    """A function that Numba compiles at its first call. Kernels can call each other like functions.
 
     Args:
         function: The function.
@@ -74,14 +75,14 @@ class Kernel(Generic[P, R]):
         return call(*args, **kwargs)
 
     def __reduce__(self) -> Any:
-        """Pickle the kernel as what its module calls it, or as its function where another process lacks the module."""
+        """Pickle the kernel by its name in its module, or as its function if other processes lack the module."""
         name: str = self._function.__qualname__
         if "<locals>" in name or self._function.__module__ == "__main__":
             return Kernel, (self._function, self._options)
         return name
 
     def __deepcopy__(self, memo: Any) -> Kernel[P, R]:
-        """Return the kernel itself: it does not change."""
+        """Return the kernel itself, because it is immutable."""
         return self
 
     @property
@@ -108,7 +109,7 @@ def njit(function: Any = None, /, **options: Any) -> Any:
     """Return a function as a `Kernel`, cached on disk.
 
     Args:
-        function: The function, where the decorator has no options.
+        function: The function, if the decorator has no options.
         options: Options of `numba.njit`.
     """
     if function is not None:
@@ -118,7 +119,7 @@ def njit(function: Any = None, /, **options: Any) -> Any:
 
 
 def compiling_seconds() -> float:
-    """Return how long this process has waited for the compiler [s]."""
+    """Return the total time that this process has waited for the compiler [s]."""
     return _spent[0]
 
 
@@ -133,7 +134,7 @@ def _njit(options: Mapping[str, Any]) -> Callable[..., Any]:
 
 @functools.cache
 def prepare() -> None:
-    """Load Numba, teach it what a `Kernel` is, and measure how long it compiles; done once."""
+    """Load Numba, register the type `Kernel` with it, and start to measure the compilation time; done only once."""
     from numba.core import event  # public: https://numba.readthedocs.io/en/stable/developer/event_api.html
     from numba.extending import typeof_impl
 
@@ -142,7 +143,7 @@ def prepare() -> None:
         return typeof_impl(kernel.part, context)
 
     class Announcer(event.Listener):  # type: ignore[misc]
-        """Measures the time of the compiler, and says once, on a terminal, that the wait is for it."""
+        """Listener that measures the compilation time and prints one message about it on a terminal."""
 
         depth, since, quiet = 0, 0.0, not sys.stderr.isatty()
         collects, note = False, os.environ.get(COMPILING_NOTE)
@@ -150,7 +151,7 @@ def prepare() -> None:
         def on_start(self, event: Any) -> None:
             if self.depth == 0:
                 self.since, self.collects = time.monotonic(), gc.isenabled()
-                gc.disable()  # compiling leaves little garbage, and much to look through
+                gc.disable()  # compilation creates little garbage but many objects
                 self._mark(True)
             self.depth += 1
 
@@ -174,12 +175,12 @@ def prepare() -> None:
 
 
 def cached(compiler: Any, kernel: Kernel[..., Any], use: str = "") -> Any:
-    """Return what a decorator of Numba makes of a kernel's function, with machine code kept on disk where it can be.
+    """Return the result of a Numba decorator on a kernel's function, with its machine code cached if possible.
 
     Args:
-        compiler: Makes it, given the function and the option ``cache``.
+        compiler: Function that applies the decorator, called with the function and the option ``cache``.
         kernel: The kernel.
-        use: Folder for machine code that differs from that of the same function for another use; empty if none.
+        use: Folder for machine code that differs between uses of the same function; empty if it does not.
     """
     prepare()
     config, function = _config(), kernel.__wrapped__
@@ -189,20 +190,20 @@ def cached(compiler: Any, kernel: Kernel[..., Any], use: str = "") -> Any:
         return compiler(function, cache=False)
     with _choosing:
         try:
-            config.CACHE_DIR = str(folder / use)  # Numba looks at it when a function is decorated
+            config.CACHE_DIR = str(folder / use)  # Numba reads it when a function is decorated
             return compiler(function, cache=True)
         finally:
             config.CACHE_DIR = before
 
 
 def kept_in() -> Path | None:
-    """Return the folder for machine code; None where none can be written."""
+    """Return the folder for machine code, or None if none can be written."""
     prepare()
     return machine_code_folder(digest_of(), _given_folder())
 
 
 def called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
-    """Return kernels and all that they call, directly or not."""
+    """Return kernels and all kernels that they call, directly or indirectly."""
     found: set[Kernel[..., Any]] = set()
     waiting = list(kernels)
     while waiting:
@@ -214,7 +215,7 @@ def called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
 
 
 def _named_in(function: Any) -> Iterator[Kernel[..., Any]]:
-    """Yield the kernels that the code of a function names, also as members of modules."""
+    """Yield the kernels that the code of a function names, including members of modules."""
     names = function.__code__.co_names
     for value in (*map(function.__globals__.get, names), *inspect.getclosurevars(function).nonlocals.values()):
         members = (getattr(value, name, None) for name in names) if isinstance(value, ModuleType) else ()
@@ -235,17 +236,17 @@ def _config() -> Any:
 
 @functools.cache
 def _given_folder() -> str:
-    """Return the folder that the user names for machine code; empty if none."""
+    """Return the folder that the user has set for machine code; empty if there is none."""
     return str(_config().CACHE_DIR)
 
 
 def _folder_for(kernel: Kernel[..., Any]) -> Path | None:
-    """Return the folder for the machine code of a kernel; None where none can be written."""
+    """Return the folder for the machine code of a kernel, or None if none can be written."""
     folder = kept_in()
     if folder is None or _in_package(source_of(kernel)):
         return folder
     others = {source for source in map(source_of, called_by([kernel])) if not _in_package(source)}
-    others.discard(source_of(kernel))  # Numba looks at this one itself
+    others.discard(source_of(kernel))  # Numba checks this file itself
     return folder / digest_of_files(others)[:16] if others else folder
 
 

@@ -103,7 +103,7 @@ def _several(tree: Any, parts: list[str], found: list[Found], text: str, locatio
     numbers = {_number(tree, path) for path in found}
     if not more and text and len(numbers) == 1 and None not in numbers:
         hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
-    return Problem(f"`{'.'.join(parts)}` matches {len(found)} keys", location=location, hint=hint)
+    return Problem(f"`{'.'.join(parts)}` fits {len(found)} places", location=location, hint=hint)
 
 
 def _existing(tree: Any, parts: list[str]) -> list[Found]:

@@ -1,1 +1,1 @@
-"""Adapters for learners of other libraries; each module needs the library that it is named after."""
+"""Adapters to learners of other libraries; each module requires the library that it is named after."""

@@ -1,4 +1,4 @@
-"""`export_onnx`: a policy of Stable-Baselines3 as an ONNX file that `safe-inspect evaluate` and others fly."""
+"""`export_onnx`: writes a policy of Stable-Baselines3 as an ONNX file, which `safe-inspect evaluate` can read."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ def export_onnx(
 ) -> Exported:
     """Write the policy of a model as an ONNX file: `MlpPolicy` of PPO, A2C, SAC, TD3, DDPG and DQN.
 
-    The file holds the normalisers of the task and the scaling of the action, as that of `safe-inspect export`. The
-    draws of SAC are squashed and TD3 and DQN have none, so their files give the mode alone, drawn or not. The task of a
-    DQN is that which `FlatDiscreteActions` wraps.
+    The file contains the normalisers of the task and the scaling of the action, like that of `safe-inspect export`. The
+    actions of SAC are squashed samples, and TD3 and DQN do not sample, so their files only give the most likely action,
+    whether actions are sampled or not. The task of a DQN is the one that `FlatDiscreteActions` wraps.
 
     Args:
         model: The model.
-        cfg: Experiment file, or id of the task, in which it was trained.
-        output: The file.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
+        cfg: Experiment file, or id of a task, of the training.
+        output: Path of the ONNX file.
+        overrides: ``path.of.keys=value`` for each value to replace.
 
     Raises:
-        CheckpointError: The policy has another form, or does not fit the task.
-        ConfigError: The file has mistakes.
+        CheckpointError: The policy has another form, or does not match the task.
+        ConfigError: The experiment has mistakes.
         OutputError: The file cannot be written.
         SafeInspectError: The package onnx or onnxruntime is not installed.
     """
     if model.get_vec_normalize_env() is not None:
-        raise CheckpointError("the model sees what VecNormalize makes of observations; train without it")
+        raise CheckpointError("the observations of the model are changed by VecNormalize; train without it")
     layers, log_std = _net(model)
     combined = isinstance(model.action_space, Discrete)
     training = {"steps": int(model.num_timesteps), "trained_by": f"stable_baselines3 {stable_baselines3.__version__}"}

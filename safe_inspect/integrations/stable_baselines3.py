@@ -1,4 +1,4 @@
-"""`BatchedVecEnv`: the batch as a vector of environments of Stable-Baselines3, ``pip install 'safe_inspect[sb3]'``."""
+"""`BatchedVecEnv`: the batch as a vector environment of Stable-Baselines3, ``pip install 'safe_inspect[sb3]'``."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from safe_inspect.types import AnyArray
 class BatchedVecEnv(VecEnv):
     """N environments that step together as arrays, for Stable-Baselines3.
 
-    Seeds and episodes are those of `safe_inspect.make_vec`. The info of an environment is empty but at the end of an
-    episode, where it holds that of the last step, ``episode`` (return ``r``, length ``l``, as SB3's Monitor gives
-    them), ``is_success``, ``terminal_observation`` and ``TimeLimit.truncated``; so no VecMonitor is needed.
+    Seeds and episodes are those of `safe_inspect.make_vec`. The info of an environment is empty except at the end of an
+    episode, where it contains the info of the last step, ``episode`` (return ``r``, length ``l``, as from SB3's
+    Monitor), ``is_success``, ``terminal_observation`` and ``TimeLimit.truncated``; therefore VecMonitor is not needed.
 
     Args:
         cfg: Experiment file, or id of a task, for one agent.
         num_envs: Number of environments, N.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
-        seed: Seed of the first reset, unless `seed` gives one; without either a fresh one is drawn.
-        gamma: As for `InspectionVectorEnv`.
-        render_mode: As for `InspectionVectorEnv`.
+        overrides: ``path.of.keys=value`` for each value to replace.
+        seed: Seed of the first reset, unless `seed` sets one. Default: a random seed.
+        gamma: See `InspectionVectorEnv`.
+        render_mode: See `InspectionVectorEnv`.
 
     Raises:
-        ConfigError: The file has mistakes.
+        ConfigError: The experiment has mistakes.
         SafeInspectError: The task has several agents.
     """
 
@@ -57,7 +57,7 @@ class BatchedVecEnv(VecEnv):
         super().__init__(num_envs, self.environment.single_observation_space, self.environment.single_action_space)
 
     def reset(self) -> AnyArray:
-        """Begin new episodes; return the observations, float32, shape (N, O)."""
+        """Start new episodes; return the observations, float32, shape (N, O)."""
         observations, infos = self.environment.reset(seed=self._seeds[0])
         self.reset_infos = [info_row(_values(infos), index) for index in range(self.num_envs)]
         self._return[:], self._length[:] = 0.0, 0
@@ -65,7 +65,7 @@ class BatchedVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: AnyArray) -> None:
-        """Take the actions of the next step, shape (N, A)."""
+        """Store the actions of the next step, shape (N, A)."""
         self._actions = actions
 
     def step_wait(self) -> tuple[AnyArray, AnyArray, AnyArray, list[dict[str, Any]]]:
@@ -91,7 +91,7 @@ class BatchedVecEnv(VecEnv):
         self.environment.close()
 
     def get_images(self) -> Sequence[AnyArray | None]:
-        """Return a picture of each environment, where `render_mode` is ``rgb_array``."""
+        """Return an image of each environment, if `render_mode` is ``rgb_array``."""
         return self.environment.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
@@ -99,20 +99,20 @@ class BatchedVecEnv(VecEnv):
         return [getattr(self.environment, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Refuse: the environments are rows of one batch."""
+        """Raise NotImplementedError, because the environments are rows of one batch."""
         raise NotImplementedError("the environments are rows of one batch; give overrides when it is made")
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
     ) -> list[Any]:
-        """Refuse: the environments are rows of one batch."""
+        """Raise NotImplementedError, because the environments are rows of one batch."""
         raise NotImplementedError("the environments are rows of one batch; call the method of `environment`")
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
-        """Return False for each environment: rows of a batch have no wrappers."""
+        """Return False for each environment, because rows of a batch have no wrappers."""
         return [False] * len(list(self._get_indices(indices)))
 
 
 def _values(infos: dict[str, Any]) -> dict[str, AnyArray]:
-    """Return infos without Gymnasium's masks."""
+    """Return the infos without Gymnasium's masks."""
     return {name: array for name, array in infos.items() if not name.startswith("_")}

@@ -1,7 +1,8 @@
 """`team_env`: several deputies as an environment of TorchRL; one deputy needs no adapter.
 
-``pip install 'safe_inspect[torchrl]'``. TorchRL's own `GymWrapper` takes
-``safe_inspect.make_vec(task, num_envs, autoreset_mode="Disabled")``: it resets by mask, as that mode wants it.
+Install with ``pip install 'safe_inspect[torchrl]'``. For one deputy, pass
+``safe_inspect.make_vec(task, num_envs, autoreset_mode="Disabled")`` to TorchRL's `GymWrapper`, which resets by a mask,
+as that mode requires.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ _ByAgent = dict[str, Any]
 
 
 class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
-    """An environment of PettingZoo whose infos hold the same numbers after a reset and after a step, and no words.
+    """A PettingZoo environment whose infos contain the same numbers after a reset and a step, and no other values.
 
-    TorchRL makes tensors of infos, and takes their names from the first reset. So an info holds the numbers that a
-    reset tells, statistics of its draws left out.
+    TorchRL converts infos to tensors, and takes their names from the first reset. Therefore an info contains the
+    numbers of a reset, without statistics of its sampling.
     """
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[_ByAgent, _ByAgent]:
-        """Begin a new episode."""
+        """Start a new episode."""
         observations, infos = super().reset(seed=seed, options=options)
         self._names = {
             agent: [name for name, value in info.items() if isinstance(value, Number) and "/" not in name]
@@ -37,7 +38,7 @@ class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
         return observations, self._numbers(infos)
 
     def step(self, actions: _ByAgent) -> tuple[_ByAgent, _ByAgent, _ByAgent, _ByAgent, _ByAgent]:
-        """Hold the actions over one step."""
+        """Apply the actions for one step."""
         observations, rewards, terminated, truncated, infos = super().step(actions)
         return observations, rewards, terminated, truncated, self._numbers(infos)
 
@@ -48,16 +49,16 @@ class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
 def team_env(
     cfg: str | os.PathLike[str], overrides: Iterable[str] = (), *, gamma: float = 1.0, **kwargs: Any
 ) -> PettingZooWrapper:
-    """Return one environment of several deputies, grouped as `PettingZooWrapper` does it.
+    """Return one environment with several deputies, grouped as by `PettingZooWrapper`.
 
     Args:
         cfg: Experiment file, or id of a task.
-        overrides: ``path.of.keys=value`` for each value that replaces one of the file's.
-        gamma: As for `InspectionParallelEnv`.
-        **kwargs: What `PettingZooWrapper` takes, such as `group_map`.
+        overrides: ``path.of.keys=value`` for each value to replace.
+        gamma: See `InspectionParallelEnv`.
+        **kwargs: Arguments of `PettingZooWrapper`, such as `group_map`.
 
     Raises:
-        ConfigError: The file has mistakes.
+        ConfigError: The experiment has mistakes.
     """
     environment = NumericInfos(InspectionParallelEnv(load_spec(cfg, overrides), gamma=gamma))
     return PettingZooWrapper(environment, **kwargs)

@@ -1,7 +1,7 @@
-"""Actions drawn from the distributions of policies: a draw is a function of (seed, slot, episode, step, agent).
+"""Sampling of actions from the distributions of policies, as a function of (seed, slot, episode, step, agent).
 
-So the same seed gives the same actions in training and evaluation, however many environments stand in a batch and
-however many processes share them. The counters are those of `safe_inspect.random.philox`, with the purpose ``action``;
+Therefore the same seed gives the same actions in training and evaluation, for any number of environments in a batch and
+any number of processes. The counters are those of `safe_inspect.random.philox`, with the purpose ``action``;
 block b of agent i has the index i ceil(A / 4) + b.
 """
 
@@ -23,13 +23,13 @@ _WORD = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)
 _STEP_SHIFT = np.uint64(12)
 _UNIT = 2.0**-32
-#: Logarithm of a standard deviation so small that a draw is the mean.
+#: Logarithm of a standard deviation that is so small that a sample equals the mean.
 NO_NOISE = -20.0
 HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class DrawRows(NamedTuple):
-    """What the draws of R rows are functions of.
+    """The quantities that determine the samples of R rows.
 
     Attributes:
         seed: The seed of the run.
@@ -47,28 +47,28 @@ class DrawRows(NamedTuple):
 
 
 class Distribution(Protocol):
-    """From the outputs of a policy's net to actions."""
+    """Mapping from the outputs of a policy's network to actions."""
 
     @property
     def inputs(self) -> int:
-        """How many outputs of the net it takes."""
+        """Number of the network's outputs that the distribution uses."""
 
     def draw(
         self, inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
     ) -> None:
-        """Draw actions, or take the most likely ones.
+        """Sample actions, or take the most likely ones.
 
         Args:
-            inputs: Outputs of the net, float32, shape (R, I).
-            explore: False: the most likely action.
-            rows: What the draws are functions of.
+            inputs: Outputs of the network, float32, shape (R, I).
+            explore: If False, take the most likely action.
+            rows: The quantities that determine the samples.
             action: Receives the actions, float32, shape (R, A).
             log_probability: Receives the logarithms of their probabilities, or densities, float32, shape (R,).
         """
 
 
 class Gaussian:
-    """Independent normal distributions of A real numbers; the most likely action is the mean.
+    """Independent normal distributions over A real numbers; the most likely action is the mean.
 
     Args:
         width: A.
@@ -79,31 +79,31 @@ class Gaussian:
 
     @property
     def inputs(self) -> int:
-        """Means and logarithms of the standard deviations, 2 A."""
+        """Number of means and logarithms of the standard deviations, 2 A."""
         return 2 * self.width
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Draw actions; see `Distribution.draw`."""
+        """Sample actions; see `Distribution.draw`."""
         draw_gaussian(inputs, explore, rows, *out)
 
 
 class SquashedGaussian(Gaussian):
-    """The hyperbolic tangents of `Gaussian` numbers, as SAC draws them; without exploration, of the means.
+    """Hyperbolic tangents of `Gaussian` numbers, as in SAC; without exploration, of the means.
 
     The probability is that of the Gaussian numbers.
     """
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Draw actions; see `Distribution.draw`."""
+        """Sample actions; see `Distribution.draw`."""
         super().draw(inputs, explore, rows, *out)
         np.tanh(out[0], out=out[0])
 
 
 class Categorical:
-    """Independent choices of A indices; the most likely action has the largest logits, the first of them.
+    """Independent choices of A indices; the most likely action has the largest logits, the first ones if equal.
 
     Args:
-        sizes: Number of values of each.
+        sizes: Number of values of each index.
     """
 
     def __init__(self, sizes: tuple[int, ...]) -> None:
@@ -112,31 +112,31 @@ class Categorical:
 
     @property
     def inputs(self) -> int:
-        """The logits, K_1 + ... + K_A."""
+        """Number of logits, K_1 + ... + K_A."""
         return int(self.sizes.sum())
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Draw actions; see `Distribution.draw`."""
+        """Sample actions; see `Distribution.draw`."""
         draw_categorical(inputs, self.sizes, explore, rows, *out)
 
 
 class Greedy(Categorical):
-    """The choices with the largest values, the first of them, with exploration too: what a policy of DQN does."""
+    """The choices with the largest values, the first ones if equal, also with exploration, as for a policy of DQN."""
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Draw actions; see `Distribution.draw`."""
+        """Select actions; see `Distribution.draw`."""
         super().draw(inputs, False, rows, *out)
 
 
 def draw_in_rollout(
     distribution: Any, inputs: AnyArray, explore: bool, seed: int, slots: IntArray, deputies: IntArray, step: int
 ) -> FloatArray:
-    """Return actions in the first episode of every slot, shape (R, A).
+    """Return actions for the first episode of every slot, shape (R, A).
 
     Args:
-        distribution: Any `Distribution` with its `width`, A.
-        inputs: Outputs of the net, float32, shape (R, I).
-        explore: False: the most likely action.
+        distribution: A `Distribution` with its `width`, A.
+        inputs: Outputs of the network, float32, shape (R, I).
+        explore: If False, take the most likely action.
         seed: Seed of the draws.
         slots: Global index of each row's environment slot, shape (R,).
         deputies: Index of each row's deputy, shape (R,).
@@ -156,14 +156,14 @@ def draw_in_rollout(
 
 @njit
 def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray) -> None:
-    """Draw mean + exp(log_std) z with standard normal z; the log-probability is that of the float32 action.
+    """Sample mean + exp(log_std) z with standard normal z; the log-probability is that of the float32 action.
 
     Args:
         inputs: Mean and logarithm of the standard deviation, float32, shape (R, 2 A).
-        explore: See `Distribution.draw`, as for the others.
-        rows: See there.
-        action: See there.
-        log_probability: See there.
+        explore: See `Distribution.draw`.
+        rows: See `Distribution.draw`.
+        action: See `Distribution.draw`.
+        log_probability: See `Distribution.draw`.
     """
     count, width = action.shape
     normal = np.empty(4)
@@ -185,14 +185,14 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
 
 @njit
 def draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform: float) -> tuple[int, float]:
-    """Return an index that is drawn with the probabilities softmax(logits), and the logarithm of its probability.
+    """Return an index that is sampled with the probabilities softmax(logits), and the logarithm of its probability.
 
     Args:
         logits: Logits of one row, float32.
-        first: Index of the first of this element.
+        first: Position of this element's first logit.
         size: Number of its values.
-        explore: Whether to draw; else the index is the most likely one.
-        uniform: Number in [0, 1) that decides.
+        explore: Whether to sample; otherwise the index is the most likely one.
+        uniform: Uniform number in [0, 1) that determines the sample.
     """
     best = 0
     for k in range(1, size):
@@ -215,15 +215,15 @@ def draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform:
 def draw_categorical(
     inputs: AnyArray, sizes: IntArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
 ) -> None:
-    """Draw an index for each element, with the probabilities softmax(logits).
+    """Sample an index for each element, with the probabilities softmax(logits).
 
     Args:
-        inputs: Logits of all elements, one behind the other, float32, shape (R, K_1 + ... + K_A).
+        inputs: Concatenated logits of all elements, float32, shape (R, K_1 + ... + K_A).
         sizes: Number of values of each element, K_1 to K_A, shape (A,).
-        explore: See `Distribution.draw`, as for the others.
-        rows: See there.
-        action: See there.
-        log_probability: See there.
+        explore: See `Distribution.draw`.
+        rows: See `Distribution.draw`.
+        action: See `Distribution.draw`.
+        log_probability: See `Distribution.draw`.
     """
     count, width = action.shape
     uniform = np.empty(4)
@@ -263,7 +263,7 @@ def uniforms_of(rows: DrawRows, n: int, block: int, width: int, uniform: FloatAr
 
 @njit
 def normals_of(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
-    """Write four independent standard normal numbers, by Box and Muller's transform."""
+    """Write four independent standard normal numbers, computed with the Box-Muller transform."""
     w0, w1, w2, w3 = _words(rows, n, block, width)
     radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * _UNIT))
     angle = 2.0 * math.pi * np.float64(w1) * _UNIT

@@ -1,4 +1,4 @@
-"""Random vectors of bounded length inside compiled kernels: pure functions of a key, no state."""
+"""Random vectors of bounded length in compiled kernels: pure functions of a key, without state."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def uniform_at(key: np.uint64, step: int, pick: int) -> float:
 def draw_in_ball(
     key: np.uint64, step: int, pick: int, radius: float, on_surface: bool
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Return a vector drawn uniformly from a ball, or from its surface.
+    """Return a vector that is uniformly distributed in a ball, or on its surface.
 
     Args:
         key: Key of the episode.
         step: Steps since the reset.
-        pick: Number of the draw; it takes the numbers from 4 pick to 4 pick + 2.
+        pick: Number of the draw, which uses the numbers from 4 pick to 4 pick + 2.
         radius: Radius of the ball.
-        on_surface: Whether the vector has the length of the radius.
+        on_surface: Whether the length of the vector is the radius.
     """
     z = 2.0 * uniform_at(key, step, 4 * pick) - 1.0
     angle = 2.0 * math.pi * uniform_at(key, step, 4 * pick + 1)

@@ -1,4 +1,4 @@
-"""`Hurdle`: nothing at all, or numbers drawn from a Gaussian; and, where asked for, one of a few choices beside it."""
+"""`Hurdle`: a distribution of zeros or Gaussian numbers, optionally with an additional categorical choice."""
 
 from __future__ import annotations
 
@@ -22,18 +22,19 @@ from safe_inspect.types import AnyArray, FloatArray
 
 
 class Hurdle:
-    """A hurdle distribution over A real numbers, with a categorical one over K indices beside it.
+    """A hurdle distribution over A real numbers, optionally with a categorical one over K indices.
 
-    With the probability 1 - p all numbers are exactly 0, else they are drawn from independent normal distributions.
-    So a policy of continuous thrust can prefer to coast outright. The inputs are, in this order, the logit of p, the
-    means, the logarithms of the standard deviations, and the logits of the choices. Source of the model: Mullahy,
-    Specification and testing of some modified count data models, Journal of Econometrics 33, 1986, section 2.
+    With the probability 1 - p all numbers are exactly 0, otherwise they are sampled from independent normal
+    distributions. Therefore a policy with continuous thrust can choose to coast exactly. The inputs are, in this order,
+    the logit of p, the means, the logarithms of the standard deviations, and the logits of the choices. Source of the
+    model: Mullahy, Specification and testing of some modified count data models, Journal of Econometrics 33, 1986,
+    section 2.
 
-    Without exploration the numbers are the means where p > 1/2, else 0, and the choice is the most likely one.
+    Without exploration the numbers are the means if p > 1/2, otherwise 0, and the choice is the most likely one.
 
     Args:
         numbers: A.
-        choices: K, the number of values of a last element of the action; 0: there is none.
+        choices: K, the number of values of the last element of the action; 0 if there is no such element.
     """
 
     def __init__(self, numbers: int, choices: int = 0) -> None:
@@ -42,26 +43,26 @@ class Hurdle:
 
     @property
     def inputs(self) -> int:
-        """One logit, A means, A logarithms of standard deviations and K logits."""
+        """Number of inputs: one logit, A means, A logarithms of standard deviations and K logits."""
         return 1 + 2 * self.numbers + self.choices
 
     def without_noise(self, inputs: AnyArray) -> AnyArray:
-        """Return inputs whose draws are means where there is anything, shape (R, I); the choices are still drawn."""
+        """Return inputs whose nonzero samples are the means, shape (R, I); the choices are still sampled."""
         quiet = np.array(inputs, dtype=np.float32)
         quiet[:, 1 + self.numbers : 1 + 2 * self.numbers] = NO_NOISE
         return quiet
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Draw actions; see `Distribution.draw`."""
+        """Sample actions; see `Distribution.draw`."""
         draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
 
 
 def draw_choices(distribution: Any, inputs: AnyArray, seed: int) -> FloatArray:
-    """Return actions with the choices drawn and the numbers at their means, shape (R, A).
+    """Return actions with sampled choices and with the means of the numbers, shape (R, A).
 
     Args:
-        distribution: Any of the distributions of a policy.
-        inputs: Outputs of the net, float32, shape (R, I).
+        distribution: Any distribution of a policy.
+        inputs: Outputs of the network, float32, shape (R, I).
         seed: Seed of the draws.
     """
     rows = np.arange(len(inputs))
@@ -81,19 +82,19 @@ def draw_hurdle(
     action: AnyArray,
     log_probability: AnyArray,
 ) -> None:
-    """Draw whether there is anything, the numbers, and the choice; the log-probability is that of the float32 action.
+    """Sample whether the numbers are zero, the numbers, and the choice; the log-probability is of the float32 action.
 
     Args:
         inputs: See `Hurdle`, float32, shape (R, 1 + 2 A + K).
         numbers: A.
         choices: K.
-        explore: See `Distribution.draw`, as for the others.
-        rows: See there.
-        action: See there.
-        log_probability: See there.
+        explore: See `Distribution.draw`.
+        rows: See `Distribution.draw`.
+        action: See `Distribution.draw`.
+        log_probability: See `Distribution.draw`.
     """
     blocks = (numbers + 3) // 4
-    width = 4 * (blocks + 1)  # one block more, of uniform numbers
+    width = 4 * (blocks + 1)  # one additional block of uniform numbers
     normal, uniform = np.empty(4), np.empty(4)
     for n in range(len(action)):
         logit = np.float64(inputs[n, 0])

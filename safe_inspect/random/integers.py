@@ -1,4 +1,4 @@
-"""Random picks inside compiled kernels: pure functions of a key, no state."""
+"""Random integers in compiled kernels: pure functions of a key, without state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Philox4x32-10, compiled: the bijection behind `safe_inspect.random.streams`.
+"""Philox4x32-10, compiled: the bijection that `safe_inspect.random.streams` uses.
 
 Source:
     Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
@@ -24,7 +24,7 @@ _INDEX_SHIFT = np.uint64(12)
 def philox4x32(
     c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64, k0: np.uint64, k1: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """Return the four words of a counter and a key, all 32-bit words, least significant first."""
+    """Return the four output words for a counter and a key, all 32-bit words, least significant first."""
     for _ in range(10):
         p0, p1 = _MULTIPLIER_0 * c0, _MULTIPLIER_1 * c2
         c0, c1, c2, c3 = (p1 >> _SHIFT) ^ c1 ^ k0, p1 & _WORD, (p0 >> _SHIFT) ^ c3 ^ k1, p0 & _WORD
@@ -36,7 +36,7 @@ def philox4x32(
 def draw_bits(seed: np.uint64, slot: Words, episode: Words, name: np.uint64, index: np.uint64, count: int) -> Words:
     """Return `count` 64-bit words for each row, shape (R, count).
 
-    The counter is (block and index, name, episode, slot), the key the seed.
+    The counter is (block and index, name, episode, slot), and the key is the seed.
     """
     rows = slot.shape[0]
     out = np.empty((rows, count), np.uint64)

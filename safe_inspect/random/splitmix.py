@@ -1,4 +1,4 @@
-"""SplitMix64 inside compiled kernels.
+"""SplitMix64 in compiled kernels.
 
 Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014.
 """
@@ -16,7 +16,7 @@ SplitMixState = NDArray[np.uint64]
 
 @njit
 def mix(word: np.uint64) -> np.uint64:
-    """Return the output function of SplitMix64 of a 64-bit word."""
+    """Return the output function of SplitMix64 for a 64-bit word."""
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return word ^ (word >> np.uint64(31))
@@ -24,6 +24,6 @@ def mix(word: np.uint64) -> np.uint64:
 
 @njit
 def next_uniform(state: SplitMixState) -> float:
-    """Return the next uniform number in [0, 1) of a generator, whose state is written."""
+    """Return the next uniform number in [0, 1) of a generator, and update its state."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     return float(mix(state[0]) >> np.uint64(11)) * 2.0**-53

@@ -1,8 +1,8 @@
 """Counter-based random numbers: one stream for each environment slot and episode.
 
-A draw is a pure function of (seed, slot, episode, purpose, index); no generator
-carries a state. So a result depends neither on the size of the batch, nor on the
-number of workers, nor on the order in which quantities are drawn.
+A draw is a pure function of (seed, slot, episode, purpose, index); there is no generator
+with a state. Therefore a result depends neither on the size of the batch, nor on the
+number of workers, nor on the order in which quantities are sampled.
 
 The bijection is Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as
 1, 2, 3", SC 2011), see `safe_inspect.random.philox`.
@@ -45,8 +45,8 @@ class Streams:
         """Return 64-bit words, shape (R, count).
 
         Args:
-            purpose: What is drawn, such as ``init_state.radius``; two purposes are independent.
-            count: How many words a row.
+            purpose: Name of the sampled quantity, such as ``init_state.radius``; different purposes are independent.
+            count: Number of words per row.
             index: Number of the draw, for repeated draws of one purpose (below 2**20).
         """
         words: Words = draw_bits(
@@ -64,7 +64,7 @@ class Streams:
         return (self.bits(purpose, count, index) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
     def interior(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:
-        """Return uniform numbers in (0, 1), whose quantiles are finite, shape (R, count)."""
+        """Return uniform numbers in (0, 1), for which quantiles are finite, shape (R, count)."""
         return np.minimum(self.uniform(purpose, count, index) + 2.0**-54, 1.0 - 2.0**-53)
 
     def normal(self, purpose: str, count: int = 1, index: int = 0) -> FloatArray:

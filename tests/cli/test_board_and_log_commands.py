@@ -62,7 +62,7 @@ def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
     code, out, err = typed("leaderboard", boards, "--board", "Second", "--output", "page.md")
     assert (code, out, err) == (0, "the leaderboard: page.md\n", "[1/1] Second: zero-thrust\n")
     assert (here / "page.md").read_text().startswith("[['zero-thrust']] by safe-inspect leaderboard boards.yml --board")
-    shown = "error: --board: no board is named 'Secnd'; did you mean `Second`?\n"
+    shown = "error: --board: there is no board 'Secnd'; did you mean `Second`?\n"
     assert typed("leaderboard", boards, "--board", "Secnd")[2] == shown
 
     def stop(*_: Any) -> None:
@@ -78,7 +78,7 @@ def test_every_row_of_the_chosen_boards_has_its_place_on_the_page(
     ("row", "shown"),
     [
         ("{source: inspectr}", "row 'inspectr': no policy 'inspectr': it is neither"),
-        ("{source: random, name: other, overrides: [horizon=31]}", "row 'other': its task is not the board's: `"),
+        ("{source: random, name: other, overrides: [horizon=31]}", "row 'other': its task differs from "),
         ("{source: optimiser, task: safe_inspect/Docking-v0}", "row 'optimiser': "),
     ],
 )
@@ -218,7 +218,7 @@ def test_an_evaluation_of_environments_is_no_mission(here: Path, monkeypatch: py
     monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
     assert not mission_figures.is_mission_source(arguments)
     monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
-    with pytest.raises(SafeInspectError, match=r"fly one of them by `rendezvous --episode N --output FOLDER`$"):
+    with pytest.raises(SafeInspectError, match=r"run one of them with `rendezvous --episode N --output FOLDER`$"):
         mission_figures.is_mission_source(arguments)
     arguments.command = "draw"
     assert mission_figures.is_mission_source(arguments)

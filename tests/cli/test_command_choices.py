@@ -36,14 +36,14 @@ def evaluation_arguments(**changes: Any) -> argparse.Namespace:
 @pytest.mark.parametrize(
     ("changes", "sources", "shown"),
     [
-        ({"record": 3}, [], f"--record is for environments, and {MISSION} is a rendezvous; leave it out"),
-        ({"reference": "r"}, [], f"--reference is for environments, and {MISSION} is a rendezvous; leave it out"),
-        ({"sampled": False}, [], f"--mode is for environments, and {MISSION} is a rendezvous; leave it out"),
-        ({"sampled": True}, ["pilot"], f"--mode is for environments, and {MISSION} is a rendezvous; leave it out"),
-        ({"num_envs": 511}, [], f"--num-envs is for environments, and {MISSION} is a rendezvous; leave it out"),
-        ({}, ["pilot", "inspector"], "inspector: a rendezvous is flown by its pilot; leave the source out, and choose "
-         "the pilot's parts by KEY=VALUE, such as tracker={functor: LQRTracker}"),
-        ({"cfg": EXPERIMENT, "workers": 2}, [], "--workers is for the missions of a rendezvous; an environment runs "
+        ({"record": 3}, [], f"--record is only for environments, and {MISSION} is a rendezvous; remove it"),
+        ({"reference": "r"}, [], f"--reference is only for environments, and {MISSION} is a rendezvous; remove it"),
+        ({"sampled": False}, [], f"--mode is only for environments, and {MISSION} is a rendezvous; remove it"),
+        ({"sampled": True}, ["pilot"], f"--mode is only for environments, and {MISSION} is a rendezvous; remove it"),
+        ({"num_envs": 511}, [], f"--num-envs is only for environments, and {MISSION} is a rendezvous; remove it"),
+        ({}, ["pilot", "inspector"], "inspector: a rendezvous is controlled by its pilot; remove the source, and "
+         "choose the parts with KEY=VALUE, such as tracker={functor: LQRTracker}"),
+        ({"cfg": EXPERIMENT, "workers": 2}, [], "--workers is only for a rendezvous; an environment runs "
          "--num-envs episodes at a time"),
     ],
 )  # fmt: skip
@@ -76,9 +76,7 @@ def test_the_pilot_of_an_evaluation(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     }  # fmt: skip
     assert (other.label, other.price, other.measured([])) == ("pilot", "", [])
     metric: Any = SimpleNamespace()
-    with pytest.raises(
-        SafeInspectError, match=r"^--metric is for environments; the figures of a rendezvous are its own"
-    ):
+    with pytest.raises(SafeInspectError, match=r"^--metric is only for environments, not for a rendezvous"):
         other.measured([metric])
 
 
@@ -101,8 +99,8 @@ def test_missions_are_flown_again_as_an_evaluation_says(monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (("zero-trust",), "no baseline 'zero-trust'; did you mean `zero-thrust`?"),
-        (("random", "--effort", "quick"), "--effort is for the optimiser; leave it out for random"),
+        (("zero-trust",), "there is no baseline 'zero-trust'; did you mean `zero-thrust`?"),
+        (("random", "--effort", "quick"), "--effort is only for the optimiser; remove it for random"),
     ],
 )
 def test_baselines_that_are_none(typed: Typed, words: tuple[str, ...], shown: str) -> None:
@@ -149,7 +147,7 @@ def test_frames_are_taken_at_steps_of_control(
     if fits:
         assert (code, out, given) == (0, "17 frames are in o\n", [(float(period), 3, 9.0, "npz")])
     else:
-        shown = f"error: --period {period} is no multiple of the step of control, 0.2 s; round it"
+        shown = f"error: --period {period} is not a multiple of the control step, 0.2 s; round it"
         assert (code, err.splitlines()[-1], given) == (2, shown, [])
 
 

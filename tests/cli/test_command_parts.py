@@ -116,7 +116,7 @@ def test_warming_calls_all_kernels_and_says_how_long_it_took(typed: Typed, monke
         0,
         f"[1/2] {EXPERIMENT} 3.5 s, 2.0 s of it compiling\n"
         "[2/2] safe_inspect/Docking-v0 0.2 s, 0.0 s of it compiling\n"
-        "machine code is kept in kept\n",
+        "the machine code is in kept\n",
     )
     assert calls == [("blue0_ctrl", 1, 0), ("reset", None), ("step", [(1, 2, 3)], False), ("reset", [0])] * 2
 
@@ -169,7 +169,8 @@ def test_the_exit_code_of_an_audit(
     assert given[0][:2] == (1999, 7)
     docking = str(configs_root() / "docking" / "experiment.yml")
     code, _, err = typed("safety", docking, "--audit", "3")
-    assert (code, err) == (2, f"error: {docking}: the audit is of RTAGlueCWHInspection1v1 with the method 'backup'\n")
+    words = "the audit supports only RTAGlueCWHInspection1v1 with the method 'backup'"
+    assert (code, err) == (2, f"error: {docking}: {words}\n")
 
 
 @pytest.mark.ray
@@ -210,7 +211,7 @@ def test_what_an_export_writes_and_says(
         assert (code, err) == (2, output)
         return
     assert given == [(Path("c"), Path(output), asked, None)]
-    left_out = "  1,234 of them left out, as two levels are equally likely there\n" if asked == "red" else ""
+    left_out = "  1,234 of them left out, because two levels are equally likely\n" if asked == "red" else ""
     assert (code, out) == (
         0,
         f"{output}: T, policy {asked}, for a, b\n"

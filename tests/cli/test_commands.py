@@ -293,7 +293,7 @@ def test_what_only_the_training_would_meet_is_found_by_validate(typed, override,
 def test_a_shipped_policy_is_exported_already(typed):
     code, _, err = typed("export", "docking")
     assert code == 2
-    assert "docking is shipped as ONNX already; copy " in err
+    assert "docking is already shipped as ONNX; copy " in err
     assert "docking" in Path(err.split()[-1]).parts
 
 
@@ -304,9 +304,9 @@ def test_an_unknown_algorithm_lists_all_known_ones(typed):
 
 def test_a_misspelt_command_or_option_names_the_nearest(typed):
     for override in ("--override", "--overrides"):
-        assert f"{override}; write KEY=VALUE alone; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]
+        assert f"{override}; write only KEY=VALUE; see" in typed("evaluate", "zero-thrust", override, "horizon=10")[2]
     assert "--drows; did you mean `--draws`?" in typed("acceptance", EXPERIMENT, "--drows", "5")[2]
-    assert "`list tasks` takes no name; remove 'x'" in typed("list", "tasks", "x")[2]
+    assert "`list tasks` does not take a name; remove 'x'" in typed("list", "tasks", "x")[2]
     assert typed("evaluat")[2].startswith("error: there is no command 'evaluat'; did you mean `evaluate`?")
 
 
@@ -324,7 +324,7 @@ def test_an_experiment_is_given_by_its_file_or_by_cfg(typed, words):
 
 @pytest.mark.parametrize("command", ["validate", "safety", "acceptance", "rendezvous"])
 def test_a_command_without_its_experiment_asks_for_it(typed, command):
-    assert typed(command) == (2, "", "error: no experiment: give its file; see `safe-inspect --help`\n")
+    assert typed(command) == (2, "", "error: no experiment: give an experiment file; see `safe-inspect --help`\n")
 
 
 def test_the_tasks_and_the_policies_are_listed(typed):
@@ -373,8 +373,8 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (("safety", "--steps", "0"), "--steps: a whole number of at least 1 is wanted, not '0'"),
-        (("safety", "--steps", "many"), "--steps: a whole number of at least 1 is wanted, not 'many'"),
+        (("safety", "--steps", "0"), "--steps: expected a whole number of at least 1, not '0'"),
+        (("safety", "--steps", "many"), "--steps: expected a whole number of at least 1, not 'many'"),
         (("safety", "--num-envs", "-3"), "--num-envs: a whole number of at least 1"),
         (("acceptance", "--draws", "1.5"), "--draws: a whole number of at least 1"),
         (("safety", "--off", "--steps", "60", "--seed", "-1"), "--seed: a whole number from 0"),

@@ -220,7 +220,7 @@ def test_nothing_is_overwritten_unless_asked(typed, here):
     (here / "out" / "precious.txt").write_text("mine")
     code, _, err = typed(*words, "--force")
     assert code == 2
-    assert "out: 'precious.txt' in it is of another origin, so the folder is not replaced" in err
+    assert "out: it contains 'precious.txt' of another origin, so it is not replaced" in err
     assert (here / "out" / "precious.txt").read_text() == "mine"
     assert sorted(path.name for path in here.iterdir()) == ["out"]  # nothing half-written is left
 
@@ -241,7 +241,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     [
         ((), "nothing to evaluate: give a checkpoint's folder"),
         (("inspectr",), "did you mean `inspector`?"),
-        (("random", "--episodes", "0"), "--episodes: a whole number of at least 1 is wanted, not '0'"),
+        (("random", "--episodes", "0"), "--episodes: expected a whole number of at least 1, not '0'"),
         (("random", "--num-envs", "none"), "--num-envs: a whole number of at least 1"),
         (("random", "--seed", "-4"), "--seed: a whole number from 0"),
         (("random", "--record", "0"), "--record: a whole number of at least 1"),
@@ -255,7 +255,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
             ("random", "--metric", "{functor: SmallestRange, config: {entity_name: sol}}"),
             "this task has no entity 'sol'",
         ),
-        (("random", "--output", "file.txt"), "file.txt: this is a file or a link"),
+        (("random", "--output", "file.txt"), "file.txt: this is a file or a symbolic link"),
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
         (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
@@ -420,12 +420,12 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         assert (code, out) == (2, "")
         assert shown in err
         assert "evaluate both with the same --seed, --episodes and --cfg" in err
-    assert "two or more are compared" in typed("compare", first)[2]
+    assert "`compare` needs two or more sources" in typed("compare", first)[2]
     both = (evaluations / "random", evaluations / "zero-thrust")
     assert "--seed 77: the seed of" in typed("compare", *both, "--seed", "77")[2]
     assert "--episodes 77: the episodes of" in typed("compare", *both, "--episodes", "77")[2]
     for option, words in (("--metric", ("--metric", "DeltaV")), ("KEY=VALUE", ("horizon=3",))):
-        assert f"{option} changes nothing, as all are evaluations already" in typed("compare", *both, *words)[2]
+        assert f"{option} has no effect, as all sources are evaluations already" in typed("compare", *both, *words)[2]
     assert "no policy 'nobody'" in typed("compare", first, "nobody")[2]
 
 

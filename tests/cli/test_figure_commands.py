@@ -105,10 +105,10 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
     assert figures._episode(argparse.Namespace(**read))[1] == ""
     for change, shown in (
-        ({"cfg": "c"}, "run: --cfg changes nothing in a recorded episode; leave it out"),
-        ({"overrides": ["a=1"]}, "run: KEY=VALUE changes nothing in a recorded episode; leave it out"),
-        ({"seed": 1}, "run: --seed changes nothing in a recorded episode; leave it out"),
-        ({"episode": 3}, "run: no episode 3 is recorded; the last one is 7"),
+        ({"cfg": "c"}, "run: --cfg has no effect on a recorded episode; remove it"),
+        ({"overrides": ["a=1"]}, "run: KEY=VALUE has no effect on a recorded episode; remove it"),
+        ({"seed": 1}, "run: --seed has no effect on a recorded episode; remove it"),
+        ({"episode": 3}, "run: episode 3 is not recorded; the last one is 7"),
     ):
         with pytest.raises(SafeInspectError) as caught:
             figures._episode(argparse.Namespace(**read | change))
@@ -126,11 +126,11 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
     assert typed("curves", "a", "--centre", "iqm", "--each", "--output", "o.svg")[:2] == (0, "o.svg: [] (1)\n")
     assert [item[1:] for item in drawn] == [("mean", False), ("iqm", True)]
     for wrong, shown in (
-        (("--label", "x"), "--label names the RUNs; give them, or use --recipe LABEL RUN..."),
-        (("--recipe", "x"), "--recipe x: no RUN follows the label; give the folders of training runs"),
-        ((), "no learning curves: give the folders of training runs"),
-        (("a", "a"), "[]: a run is given twice; a band over seeds counts each once"),
-        (("--recipe", "x", "a", "a"), "x: a run is given twice; a band over seeds counts each once"),
+        (("--label", "x"), "--label needs RUNs; give them, or use --recipe LABEL RUN..."),
+        (("--recipe", "x"), "--recipe x: there is no RUN after the label; give folders of training runs"),
+        ((), "no learning curves: give folders of training runs"),
+        (("a", "a"), "[]: a run is given twice, but must count once in a band over seeds"),
+        (("--recipe", "x", "a", "a"), "x: a run is given twice, but must count once in a band over seeds"),
     ):
         assert typed("curves", *wrong) == (2, "", f"error: {shown}\n")
     assert len(drawn) == 2
@@ -139,10 +139,10 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("change", "shown"),
     [
-        ({"cfg": "c"}, "--cfg changes nothing in a flown mission; leave it out"),
-        ({"overrides": ["a=1"]}, "KEY=VALUE changes nothing in a flown mission; leave it out"),
-        ({"seed": 1}, "--seed changes nothing in a flown mission; leave it out"),
-        ({"episode": 1}, "--episode changes nothing in a flown mission; leave it out"),
+        ({"cfg": "c"}, "--cfg has no effect on a recorded mission; remove it"),
+        ({"overrides": ["a=1"]}, "KEY=VALUE has no effect on a recorded mission; remove it"),
+        ({"seed": 1}, "--seed has no effect on a recorded mission; remove it"),
+        ({"episode": 1}, "--episode has no effect on a recorded mission; remove it"),
         ({}, ""),
     ],
 )
@@ -172,8 +172,8 @@ def test_many_missions_are_drawn_alone(here: Path, monkeypatch: pytest.MonkeyPat
     assert typed("draw", str(here))[:2] == (0, "mission.png: 3 missions, ends of the team\n")
     assert (
         typed("draw", str(here), "--until", "3")[2]
-        == f"error: {here}: --until cuts one mission, not many; leave it out\n"
+        == f"error: {here}: --until is for one mission, not several; remove it\n"
     )
     assert typed("view", str(here))[2].startswith(
-        f"error: {here}: the evaluation of a rendezvous has the figures of its"
+        f"error: {here}: the evaluation of a rendezvous only has the results of its"
     )

@@ -110,9 +110,9 @@ def test_every_output_of_every_command_is_tried():
 
 #: What a refusal says.
 REASONS = (
-    "the folder exists already", "this is a file or a link", "the working directory is in this folder",
+    "the folder exists already", "this is a file or a symbolic link", "the working directory is in this folder",
     "is not replaced", "is a folder", "the folder cannot be written",
-    "not a file of", "the name of the", "only a file that ends in",
+    "not a file of", "the name of the", "only files that end in",
 )  # fmt: skip
 
 

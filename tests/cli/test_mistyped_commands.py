@@ -46,16 +46,16 @@ def typed(capsys):
         (["-x", "list"], "unrecognized arguments: -x; known: --help, --version"),
         (["hlep"], "there is no command 'hlep'"),
         (["validate", CFG, "horizon:600"], "horizon:600; did you mean `horizon=600`?"),
-        (["validate", CFG, "horizon"], "horizon; values are replaced by KEY=VALUE"),
+        (["validate", CFG, "horizon"], "horizon; write an override as KEY=VALUE"),
         (["evaluate", "random", "horizon:600"], "no policy 'horizon:600'; did you mean `horizon=600`?"),
         (["evaluate", CFG], "this is an experiment, not a policy; give it with --cfg"),
         (["evaluate", "configs/none.yml"], "this is an experiment, not a policy; give it with --cfg"),
         (["evaluate", "safe_inspect/Docking-v0"], "this is an experiment, not a policy; give it with --cfg"),
         (["validate", "TranslationalInspection-v1"], "did you mean `safe_inspect/TranslationalInspection-v1`?"),
-        (["compare", "random", "random"], "random is given twice; another is needed"),
-        (["compare", "random"], "two or more are compared"),
-        (["evaluate", "random", "--force"], "--force replaces what --output names"),
-        (["baseline", "random", "--force"], "--force replaces what --output names"),
+        (["compare", "random", "random"], "random is given twice; give another one"),
+        (["compare", "random"], "`compare` needs two or more sources"),
+        (["evaluate", "random", "--force"], "--force needs --output"),
+        (["baseline", "random", "--force"], "--force needs --output"),
         (["evaluate", "random", "--record", "5", *SHORT, "--output", "o"], "--record 5: there are only 3 episodes"),
         (["evaluate", "random", "--metric", "{functor: TimeToCoverage, config: {fraction: 2}}"],
          "config.fraction: expected a number of 1 or less, got 2"),
@@ -65,18 +65,18 @@ def typed(capsys):
          "'os.system' is not a plugin; a reward must be a subclass of safe_inspect.rewards.Reward"),
         (["validate", CFG, f"{REWARD}=..rewards"], "is not a module path; write it as package.module"),
         (["validate", CFG, "agent_config.0.name='a b'"], "expected a name without spaces and slashes, got 'a b'"),
-        (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in .png, .pdf, .svg; give such"),
-        (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file ends in .onnx; give"),
-        (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure ends in"),
-        (["baseline", "random", "--effort", "quick"], "--effort is for the optimiser; leave it out for random"),
-        (["baseline", "randm"], "no baseline 'randm'; did you mean `random`?"),
-        (["schema", "experment"], "no kind of file is called 'experment'; did you mean `experiment`?"),
+        (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure must end in .png, .pdf, .svg; give such"),
+        (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file must end in .onnx; give"),
+        (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure must end in"),
+        (["baseline", "random", "--effort", "quick"], "--effort is only for the optimiser; remove it for random"),
+        (["baseline", "randm"], "there is no baseline 'randm'; did you mean `random`?"),
+        (["schema", "experment"], "there is no kind of file 'experment'; did you mean `experiment`?"),
         (["leaderboard", "--board", "Three deputy"],
-         "--board: no board is named 'Three deputy'; did you mean `Three deputies`?"),
+         "--board: there is no board 'Three deputy'; did you mean `Three deputies`?"),
         (["validate", "safe_inspect/Doking-v0"],
          "there is no task with the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
         (["view", "random", "--cfg", CFG, "--output", "page.txt"], "page.txt"),
-        (["draw", "random", "--until", "0"], "a time above 0 in seconds is wanted, not '0'"),
+        (["draw", "random", "--until", "0"], "expected a time above 0 in seconds, not '0'"),
     ],
 )  # fmt: skip
 def test_one_line_says_what_to_do(typed, here, words, shown):
@@ -90,7 +90,7 @@ def test_one_line_says_what_to_do(typed, here, words, shown):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["--missions", "3"], "--missions has been removed; fly many by `safe-inspect evaluate"),
+        (["--missions", "3"], "--missions has been removed; run several with `safe-inspect evaluate"),
         (["--dry-run", "chaser.position=[0, 0, 0]"], "the chaser would overlap the target"),
         (["--dry-run", "target={functor: MeshTarget, config: {path: none.stl, mating_point: [0 m, 0 m, 1 m]}}"],
          "none.stl: the mesh cannot be read"),
@@ -202,5 +202,5 @@ def test_a_closed_output_loses_nothing(here):
 def test_a_removed_working_directory_is_one_line(here):
     for command in ('-c "$1" list tasks', "-m safe_inspect.train_rl --dry-run x.yml"):
         done = shell(f'mkdir gone; cd gone; rmdir ../gone; "$0" {command}', here)
-        shown = "error: the working directory has been removed; change to one that exists\n"
+        shown = "error: the working directory has been removed; change to an existing one\n"
         assert (done.returncode, done.stderr) == (2, shown)

@@ -69,7 +69,7 @@ def test_many_missions_are_flown_by_evaluate(capsys: pytest.CaptureFixture[str])
 def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rendezvous", _FILE, "mission.time_limit=35 s"]) == 1
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "loading; compiling takes a minute where this machine has not done it yet"
+    assert lines[0] == "loading; the first run on a machine compiles for a minute"
     told = [line for line in lines if "from the target's centre" in line]
     assert [line.split()[0] for line in told] == ["0.0", "10.0", "20.0", "30.0"]
     assert told[0].endswith("s  CHECKOUT, 1.50 m from the target's centre; attitude within 0 deg, rate within 0 deg/s")

@@ -197,7 +197,7 @@ def test_a_training_that_the_user_stops_has_another_exit_code(here, capsys, monk
     result = TrainingResult(here, None, 3, 900, 1.0, {}, interrupted, ())
     monkeypatch.setattr(train, "train", lambda run: result)
     assert main(["train", CFG]) == code
-    assert ("go on:" in capsys.readouterr().out) == interrupted
+    assert ("continue:" in capsys.readouterr().out) == interrupted
 
 
 @pytest.mark.parametrize("command", [("-m", "safe_inspect"), ("-m", "safe_inspect.train_rl"), ("safe-inspect",)])

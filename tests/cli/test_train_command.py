@@ -45,7 +45,7 @@ def test_a_training_ends_with_its_lines(here: Path, changes: dict[str, Any], lin
     shown = train._closing(result_of(folder, **changes)).splitlines()
     more = [f"TensorBoard: tensorboard --logdir '{folder}'"]
     if changes.get("interrupted"):
-        more.append(f"go on:       python -m safe_inspect.train_rl --resume '{folder}'")
+        more.append(f"continue:    python -m safe_inspect.train_rl --resume '{folder}'")
     assert shown == [*lines, *more]
 
 
@@ -121,6 +121,6 @@ def test_a_training_that_continues_takes_the_configuration_of_its_run(
     code, _, err = typed("train")
     assert (code, err) == (
         2,
-        "error: no experiment: give its file with --cfg, or an earlier run's folder with --resume\n",
+        "error: no experiment: give an experiment file with --cfg, or an earlier run's folder with --resume\n",
     )
     assert len(given) == 1

@@ -37,7 +37,7 @@ def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path: Path) -> None:
     first, last = run("-m", "safe_inspect", "warm", "safe_inspect/Docking-v0").splitlines()
     assert first.startswith("[1/1] safe_inspect/Docking-v0 ")
     assert first.endswith(" s of it compiling")
-    assert last == f"machine code is kept in {tmp_path / 'safe_inspect' / folders.digest_of()[:16]}"
+    assert last == f"the machine code is in {tmp_path / 'safe_inspect' / folders.digest_of()[:16]}"
     assert float(run("-c", AGAIN)) == 0.0
 
 
@@ -53,4 +53,4 @@ def test_without_a_folder_for_machine_code_nothing_is_compiled_ahead(
 ) -> None:
     monkeypatch.setattr("safe_inspect.cli.commands.warm.kept_in", lambda: None)
     assert main(["warm", "safe_inspect/Docking-v0"]) == 2
-    assert "name one with NUMBA_CACHE_DIR" in capsys.readouterr().err
+    assert "set another with NUMBA_CACHE_DIR" in capsys.readouterr().err

@@ -29,7 +29,7 @@ NUMBERS: dict[Callable[[str], Any], tuple[dict[str, Any], tuple[str, ...], str]]
     arguments.natural: ({"0": 0, "12": 12}, ("-1", "x", "1.5", ""), "a whole number of at least 0"),
     arguments.positive_number: ({"0.5": 0.5, "3": 3.0}, ("0", "-1", "x", "nan", "inf", ""), "a positive number"),
     figures._number: (
-        {"0": 0, str(2**31 - 1): 2**31 - 1}, ("-1", str(2**31), "x"), "a number of an episode from 0 on",
+        {"0": 0, str(2**31 - 1): 2**31 - 1}, ("-1", str(2**31), "x"), "the number of an episode, from 0",
     ),
     figures._seconds: ({"0.5": 0.5, "1e3": 1000.0}, ("0", "-1", "x", "inf", "nan"), "a time above 0 in seconds"),
 }  # fmt: skip
@@ -44,7 +44,7 @@ def test_numbers_within_their_limits_are_taken_and_no_others(kind: Callable[[str
     for text in refused:
         with pytest.raises(argparse.ArgumentTypeError) as caught:
             kind(text)
-        assert str(caught.value) == f"{wanted} is wanted, not {text!r}"
+        assert str(caught.value) == f"expected {wanted}, not {text!r}"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_the_pixel_above_which_a_point_is_picked(text: str, found: tuple[Any, ..
     with pytest.raises(SafeInspectError) as caught:
         recording._picked(text)
     assert str(caught.value) == (
-        f"--pick {text!r}: frame, column, row and distance are wanted, such as --pick 12,80,90,0.3"
+        f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
     )
 
 
@@ -79,8 +79,8 @@ def test_a_file_with_an_equals_sign_is_no_override(
     ("word", "hint"),
     [
         ("a:1", "did you mean `a=1`?"),
-        ("a:", "values are replaced by KEY=VALUE"),
-        ("a", "values are replaced by KEY=VALUE"),
+        ("a:", "write an override as KEY=VALUE"),
+        ("a", "write an override as KEY=VALUE"),
     ],
 )
 def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
@@ -106,19 +106,19 @@ def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
         (["safety", "x.yml", "--audit", "3"], {"audit": 3, "off": False, "steps": 1_000_000, "num_envs": 1024}),
         (["film", "inspector"], {"frames": 200, "fps": 25, "width": 800, "turn": 0.0, "episode": 0, "seed": 0}),
         (["help", "train"], 0),
-        (["validate"], "no experiment: give its file; see"),
-        (["validate", "x.yml", "y.yml"], "unrecognized arguments: y.yml; values are replaced by KEY=VALUE; see"),
+        (["validate"], "no experiment: give an experiment file; see"),
+        (["validate", "x.yml", "y.yml"], "unrecognized arguments: y.yml; write an override as KEY=VALUE; see"),
         (["validate", "x.yml", "a:1"], "unrecognized arguments: a:1; did you mean `a=1`?; see"),
         (["validate", "x.yml", "--sed"], "unrecognized arguments: --sed; see"),
         (["validate", "x.yml", "--cgf", "y"], "unrecognized arguments: --cgf; did you mean `--cfg`?; see"),
-        (["validate", "x.yml", "--override", "a=1"], "unrecognized arguments: --override; write KEY=VALUE alone; see"),
+        (["validate", "x.yml", "--override", "a=1"], "unrecognized arguments: --override; write only KEY=VALUE; see"),
         (
             ["evaluate", "a", "--force"],
-            "--force replaces what --output names; give --output, or leave --force out; see",
+            "--force needs --output; give --output, or remove --force; see",
         ),
         (["trian"], "there is no command 'trian'; did you mean `train`?; see `safe-inspect --help`"),
         (["warm", "--fast"], "unrecognized arguments: --fast; see"),
-        (["schema", "agent", "more"], "unrecognized arguments: more; values are replaced by KEY=VALUE; see"),
+        (["schema", "agent", "more"], "unrecognized arguments: more; write an override as KEY=VALUE; see"),
     ],
 )
 def test_what_a_command_line_means(
@@ -258,5 +258,5 @@ def test_sources_and_overrides_are_distinguished(monkeypatch: pytest.MonkeyPatch
     )
     assert evaluate._sources(found) == ["one", "a:b", "--policy p"]
     assert found.overrides == ["x=1"]
-    with pytest.raises(SafeInspectError, match=r"^no policy 'c:d'; did you mean `c=d`\?$"):
+    with pytest.raises(SafeInspectError, match=r"^there is no policy 'c:d'; did you mean `c=d`\?$"):
         evaluate._sources(parse_arguments(command_parser(), ["evaluate", "c:d"]))

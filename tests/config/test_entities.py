@@ -59,7 +59,7 @@ def test_a_component_takes_the_parameters_that_it_declares():
     ("entities", "words"),
     [
         ({"sea": {"entity_class": "Tide"}}, "a Tide needs `height`"),
-        ({"sea": {"entity_class": "Tide", "config": {"height": 1, "depth": 2}}}, "a Tide takes `height` alone"),
+        ({"sea": {"entity_class": "Tide", "config": {"height": 1, "depth": 2}}}, "a Tide takes only `height`"),
         ({"sea": {"entity_class": "Tide", "platform": "cwh", "config": {"height": 1}}}, "takes no `platform`"),
         ({name: {"entity_class": "Tide", "config": {"height": 1}} for name in "ab"}, "there is more than one Tide"),
         ({"sea": {"entity_class": "Tied"}}, "did you mean `Tide`"),

@@ -134,10 +134,10 @@ def test_overrides_apply_in_order_and_take_includes(tree, write):
 
 def test_a_suffix_that_fits_several_places_lists_them(tree):
     assert problem(tree, "lr=2") == (
-        "command line: lr=2: `lr` matches 2 keys; write one of `rllib.lr`, `records.0.3.config.lr`"
+        "command line: lr=2: `lr` fits 2 places; write one of `rllib.lr`, `records.0.3.config.lr`"
     )
     assert problem(tree, "glues.ObserveSensor.config.scale=2") == (
-        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` matches 2 keys; "
+        "command line: glues.ObserveSensor.config.scale=2: `glues.ObserveSensor.config.scale` fits 2 places; "
         "write one of "
         "`agent_config.blue0_ctrl.config.glues.0.config.scale`, `agent_config.blue0_ctrl.config.glues.1.config.scale`"
     )
@@ -227,7 +227,7 @@ def test_keys_are_known_where_the_task_says_nothing_of_learning():
 def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
     with pytest.raises(ConfigError, match="did you mean `kl_target`"):
         load_experiment("configs/translational-inspection/experiment.yml", ["kl_targt=1"])
-    with pytest.raises(ConfigError, match=r"`output_units` matches \d+ keys"):
+    with pytest.raises(ConfigError, match=r"`output_units` fits \d+ places"):
         load_experiment("configs/translational-inspection/experiment.yml", ["output_units=km"])
 
 
@@ -245,7 +245,7 @@ def test_a_key_that_its_mapping_may_not_have_lists_those_that_it_may():
 
 def test_candidates_are_named_by_the_item_that_they_belong_to():
     file = "configs/translational-inspection/experiment.yml"
-    with pytest.raises(ConfigError, match="`enabled` matches 3 keys; write one of `RTAGlueCWHInspection1v1") as refused:
+    with pytest.raises(ConfigError, match="`enabled` fits 3 places; write one of `RTAGlueCWHInspection1v1") as refused:
         load_experiment(file, ["enabled=True"])
     with pytest.raises(ConfigError, match=r"places; .*`RTAGlueCWHInspection1v1.config.disturbance`"):
         load_experiment(file, ["disturbance={velocity: 1e-4}"])  # no file has the key there
@@ -291,7 +291,7 @@ def test_a_short_key_that_only_a_plugin_has_is_shown_with_its_place(recwarn):
 
 
 def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_message_says():
-    with pytest.raises(ConfigError, match="`mass` matches 3 keys; all are 12 now; to replace each, write ") as refused:
+    with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
         load_experiment(SHIPPED, ["mass=20"])
     every = str(refused.value).partition("to replace each, write ")[2].split()
     spec = load_experiment(SHIPPED, every).spec

@@ -10,7 +10,7 @@ from safe_inspect.errors import ConfigError
 #: A list of 1,998 numbers, which counts as 1,999 values with itself, a hundred times; 99 more numbers; the mapping.
 _LISTS = "\n".join([f"a: &a [{', '.join(['1'] * 1998)}]", *(f"a{index}: *a" for index in range(99))])
 _NUMBERS = "\n".join(f"b{index}: 1" for index in range(99))
-_REFUSED = r"stands for 2(\.02)?e\+05 values; at most 200,000 are read"
+_REFUSED = r"has 2(\.02)?e\+05 values; at most 200,000 are allowed"
 
 
 def test_numbers_lists_and_the_values_of_aliases_count_alike(write) -> None:

@@ -54,4 +54,4 @@ def test_the_reference_shows_fields_with_their_defaults_and_what_docstrings_say(
     words = " ".join(html.unescape(re.sub(r"<[^>]*>", " ", text)).split())
     assert re.search(r"scale ?: float = 0.01", words), words
     assert "Pay scale for every point that the team first inspects in this step" in words
-    assert "Reward of one point" in words
+    assert "Reward for one point" in words

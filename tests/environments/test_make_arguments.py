@@ -20,7 +20,7 @@ TEAM = "safe_inspect/MultiagentTranslationalInspection-v1"
     [
         ({"horizon": 5}, r"unexpected keyword argument 'horizon'; .* overrides=\['horizon=5'\]( was raised .*)?$"),
         ({"gamm": 0.9}, r"unexpected keyword argument 'gamm'; did you mean `gamma`\?( was raised .*)?$"),
-        ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` matches 3 keys; write one of `RTAGlueCWH"),
+        ({"enabled": True}, r"keyword argument 'enabled'; .*`enabled` fits 3 places; write one of `RTAGlueCWH"),
     ],
 )
 def test_a_keyword_that_is_not_taken_lists_what_it_may_mean(keywords, message):

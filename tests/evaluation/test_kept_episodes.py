@@ -103,7 +103,7 @@ def test_what_was_flown_is_kept_and_gives_the_same_results(capsys, flown, words)
 def test_without_a_folder_the_loss_is_reported(capsys, flown):
     flown[1].append(4)
     assert main(["evaluate", "random", *SHORT]) == 130
-    told = "interrupted; 4 of 6 episodes were flown and are lost; --output FOLDER keeps them\n"
+    told = "interrupted; 4 of 6 episodes were run and are lost; --output FOLDER stores them\n"
     assert capsys.readouterr() == ("", told)
     assert [path.name for path in Path().iterdir()] == ["boards.yml"]
 

@@ -131,11 +131,11 @@ def test_evaluate_flies_missions_and_compare_compares_pilots(
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["inspector"], "inspector: a rendezvous is flown by its pilot"),
-        (["--record", "1"], "--record is for environments"),
-        (["--num-envs", "4"], "--num-envs is for environments"),
-        (["--mode"], "--mode is for environments"),
-        (["--metric", "LargestSpeed"], "--metric is for environments"),
+        (["inspector"], "inspector: a rendezvous is controlled by its pilot"),
+        (["--record", "1"], "--record is only for environments"),
+        (["--num-envs", "4"], "--num-envs is only for environments"),
+        (["--mode"], "--mode is only for environments"),
+        (["--metric", "LargestSpeed"], "--metric is only for environments"),
         (["planner={functor: SplinePlanner}"], "did you mean `SplineSCPPlanner`?"),
         (["chaser.position=[0 m, -0.3 m, 0 m]"], "chaser.position: the chaser would overlap the target"),
     ],
@@ -150,7 +150,7 @@ def test_what_a_rendezvous_does_not_have_is_refused(
 
 def test_workers_are_for_missions(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "random", "--workers", "2"]) == 2
-    assert "--workers is for the missions of a rendezvous" in capsys.readouterr().err
+    assert "--workers is only for a rendezvous" in capsys.readouterr().err
 
 
 def test_the_table_names_the_causes_of_losses() -> None:

@@ -91,7 +91,7 @@ def test_all_else_is_the_shipped_task() -> None:
 def test_a_mistake_in_the_variant_is_reported_with_its_place() -> None:
     with pytest.raises(ConfigError, match=r"SpeedLimitReward has no field `limt`; did you mean `limit`\?|`limt`"):
         safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH, "SpeedLimitReward.config.limt=1"])
-    with pytest.raises(ConfigError, match="'m' is no unit of speed"):
+    with pytest.raises(ConfigError, match="'m' is not a unit of speed"):
         safe_inspect.load_experiment(_EXPERIMENT, [_BY_PATH, "SpeedLimitReward.config.limit=3 m"])
 
 

@@ -296,7 +296,7 @@ class TestRefusals:
             (["nowhere"], "nowhere: there is no such checkpoint"),
             (["."], "neither a checkpoint nor the folder of a training run"),
             (["RUN", "--policy", "defualt_policy"], "has no policy 'defualt_policy'; did you mean"),
-            (["RUN", "horizon=3"], "named with --cfg"),
+            (["RUN", "horizon=3"], "give one with --cfg"),
         ],
     )
     def test_mistakes_on_the_command_line(self, run, tmp_path, monkeypatch, arguments, message):

@@ -70,9 +70,9 @@ def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
     bodies = [page.partition('id="episode">')[2] for page in pages]
     assert bodies[0] == bodies[1]
     assert main(["draw", str(file), "--episode", "7", "--output", str(tmp_path / "a.png")]) == 2
-    assert "no episode 7 is recorded; the last one is 1" in capsys.readouterr().err
+    assert "episode 7 is not recorded; the last one is 1" in capsys.readouterr().err
     assert main(["draw", str(file), "--cfg", CFG, "--output", str(tmp_path / "a.png")]) == 2
-    assert "--cfg changes nothing in a recorded episode" in capsys.readouterr().err
+    assert "--cfg has no effect on a recorded episode" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -92,10 +92,10 @@ def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
         (["draw", "random", "--cfg", "no.yml"], "no.yml"),
         (["draw", "zero-thrust", "--until", "3", "horizon=5"], "--until 3: no step has ended by then"),
         (["draw", "random", "no.such.key=1"], "no.such.key"),
-        (["curves"], "give the folders of training runs"),
+        (["curves"], "give folders of training runs"),
         (["curves", "nowhere"], "nowhere: there is no such folder"),
-        (["curves", "--recipe", "label"], "no RUN follows the label"),
-        (["curves", "--label", "label"], "--label names the RUNs"),
+        (["curves", "--recipe", "label"], "there is no RUN after the label"),
+        (["curves", "--label", "label"], "--label needs RUNs"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_message(tmp_path, monkeypatch, capsys, command, message):

@@ -38,10 +38,10 @@ def test_a_mission_is_drawn_filmed_and_viewed(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--seed", "1"], "--seed changes nothing in a flown mission"),
-        (["--episode", "1"], "--episode changes nothing in a flown mission"),
-        (["--cfg", "a.yml"], "--cfg changes nothing in a flown mission"),
-        (["horizon=3"], "KEY=VALUE changes nothing in a flown mission"),
+        (["--seed", "1"], "--seed has no effect on a recorded mission"),
+        (["--episode", "1"], "--episode has no effect on a recorded mission"),
+        (["--cfg", "a.yml"], "--cfg has no effect on a recorded mission"),
+        (["horizon=3"], "KEY=VALUE has no effect on a recorded mission"),
         (["--until", "0.1"], "--until 0.1: no step has ended by then"),
         (["--output", "a.txt"], "ends in .png, .pdf, .svg"),
     ],
@@ -136,10 +136,10 @@ def test_the_distributions_of_many_missions_are_drawn(
     outcome = "10 missions, success 80.0 % (95 % interval 49.0 to 94.3 %; win 8, lose 2)"
     assert f"a.png: {outcome}\n" in capsys.readouterr().out
     assert main(["draw", str(tmp_path / "many"), "--until", "3", "--output", str(tmp_path / "b.png")]) == 2
-    assert "--until cuts one mission" in capsys.readouterr().err
+    assert "--until is for one mission" in capsys.readouterr().err
     for command, ending in (("film", "gif"), ("view", "html")):
         assert main([command, str(tmp_path / "many"), "--output", str(tmp_path / f"a.{ending}")]) == 2
-        assert "fly one of them by `rendezvous --episode N" in capsys.readouterr().err
+        assert "run one of them with `rendezvous --episode N" in capsys.readouterr().err
     figure = campaign_figure(evaluation)
     clearance, error, _, _, gauge, _ = figure.axes
     curve = clearance.lines[0]

@@ -72,16 +72,17 @@ def _damaged_marker(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "force", "shown"),
     [
-        (lambda path: path.write_text(""), True, "this is a file or a link, so no folder can be written there; give x"),
-        (lambda path: path.symlink_to("nowhere"), True, "this is a file or a link, so no folder can be written there; "
-         "give x"),
+        (lambda path: path.write_text(""), True, "this is a file or a symbolic link, so no folder can be written "
+         "there; give x"),
+        (lambda path: path.symlink_to("nowhere"), True, "this is a file or a symbolic link, so no folder can be "
+         "written there; give x"),
         (_written, False, "the folder exists already; give x, or replace what this command wrote: --force"),
-        (lambda path: _written(path, "other"), True, "nothing in this folder says that `record` wrote it, so it is not "
+        (lambda path: _written(path, "other"), True, "this folder is not marked as written by `record`, so it is not "
          "replaced; give x"),
-        (_damaged_marker, True, "nothing in this folder says that `record` wrote it, so it is not replaced; give x"),
-        (_foreign, True, "'deep/mine' in it is of another origin, so the folder is not replaced; give x"),
-        (_empty_folder, True, "'empty' in it is of another origin, so the folder is not replaced; give x"),
-        (_link_inside, True, "'link' in it is of another origin, so the folder is not replaced; give x"),
+        (_damaged_marker, True, "this folder is not marked as written by `record`, so it is not replaced; give x"),
+        (_foreign, True, "it contains 'deep/mine' of another origin, so it is not replaced; give x"),
+        (_empty_folder, True, "it contains 'empty' of another origin, so it is not replaced; give x"),
+        (_link_inside, True, "it contains 'link' of another origin, so it is not replaced; give x"),
         (_written, True, ""),
         (lambda path: None, False, ""),
     ],
@@ -160,8 +161,8 @@ def test_a_file_that_is_read_only_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("name", "shown"),
     [
-        ("a.txt", "the name of the figure ends in .png, .svg; give such a file with --plot"),
-        ("a", "the name of the figure ends in .png, .svg; give such a file with --plot"),
+        ("a.txt", "the name of the figure must end in .png, .svg; give such a name with --plot"),
+        ("a", "the name of the figure must end in .png, .svg; give such a name with --plot"),
         ("a.PNG", ""),
         ("new/a.svg", ""),
         ("f.png", "the file cannot be written (it is a folder); give a file"),
@@ -189,7 +190,7 @@ def test_a_file_of_another_ending_is_kept(tmp_path: Path) -> None:
     check_writable(path, [".txt"])
     with pytest.raises(OutputError) as caught:
         check_writable(path, [".md", ".json"])
-    shown = "the file exists already, and only a file that ends in .md or .json is replaced; give another file"
+    shown = "the file exists, and only files that end in .md or .json are replaced; give another file"
     assert str(caught.value) == f"{path}: {shown}"
 
 

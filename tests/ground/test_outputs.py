@@ -188,7 +188,7 @@ def test_a_folder_with_anything_of_another_origin_is_not_replaced(tmp_path, chan
 
 def test_a_folder_of_another_command_is_not_replaced(tmp_path):
     written(tmp_path / "a", "old")
-    message = "nothing in this folder says that `fly` wrote it, so it is not replaced"
+    message = "this folder is not marked as written by `fly`, so it is not replaced"
     with pytest.raises(OutputError, match=message), new_folder(tmp_path / "a", "fly", force=True):
         pytest.fail("it is refused before anything is done")
 
@@ -216,7 +216,7 @@ def test_only_what_is_listed_is_removed(tmp_path):
 def test_a_file_of_another_format_is_not_replaced(tmp_path):
     for name in ("thesis.tex", "a.json"):
         (tmp_path / name).touch()
-    with pytest.raises(OutputError, match=r"thesis.tex: the file exists already, and only a file that ends in .json"):
+    with pytest.raises(OutputError, match=r"thesis.tex: the file exists, and only files that end in .json"):
         check_writable(tmp_path / "thesis.tex", [".json"])
     check_writable(tmp_path / "a.json", [".json"])
     check_writable(tmp_path / "new", [".json"])

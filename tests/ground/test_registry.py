@@ -183,7 +183,7 @@ def test_a_package_that_cannot_be_imported_is_named_and_stops_nothing(monkeypatc
             raise ImportError("no module named 'thruster'")
 
     monkeypatch.setattr(module, "entry_points", lambda group: [EntryPoint()])
-    with pytest.warns(RuntimeWarning, match=r"plugins of broken-package are missing.*broken.plugins.*'thruster'"):
+    with pytest.warns(RuntimeWarning, match=r"plugins of broken-package are not available.*broken.plugins.*'thruster'"):
         Registry().kinds()
 
 

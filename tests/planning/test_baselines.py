@@ -107,7 +107,7 @@ def test_the_file_states_every_episode(spec: EnvironmentSpec, tmp_path: Path, ca
     ("texts", "shown"),
     [
         (["optimser"], "did you mean `optimiser`"),
-        (["inspector", "--effort", "quick"], "leave it out"),
+        (["inspector", "--effort", "quick"], "only for the optimiser"),
         (["zero-thrust", "--output", "{folder}"], "folder"),
         (["zero-thrust", "--output", "{folder}/file/x.json"], "cannot be written"),
         (["zero-thrust", "--cfg", "{folder}/none.yml"], "none.yml"),

@@ -36,7 +36,7 @@ def test_limits_take_units(properties):
         ({"axis": 3}, "takes a MomentProp"),
         ({"property_class": "ThurstProp"}, "did you mean `ThrustProp`"),
         ({"properties": {"low": 1.0, "high": 1.0}}, "not below"),
-        ({"properties": {"units": "m"}}, "no unit of force"),
+        ({"properties": {"units": "m"}}, "not a unit of force"),
         ({"properties": {"low": "-200 mN", "units": "mN"}}, "in addition to `units`"),
         ({"properties": {"hihg": 2.0}}, "hihg"),
     ],

@@ -79,7 +79,7 @@ def test_an_unknown_name_says_the_nearest():
         ({"fov": "200 deg"}, "fov"),
         ({"step_size": 0.0}, "step_size"),
         ({"m": float("nan")}, "m: "),
-        ({"collision_radius": "10 s"}, "no unit of length"),
+        ({"collision_radius": "10 s"}, "not a unit of length"),
     ],
 )
 def test_impossible_and_contradicting_parameters_are_refused(change, message):

@@ -72,4 +72,4 @@ def test_the_command_audits_the_filter_of_a_file(capsys):
     assert "violations             0" in out
     docking = str(configs_root() / "docking" / "experiment.yml")
     assert main(["safety", docking, "--audit", "1"]) == 2
-    assert "the audit is of RTAGlueCWHInspection1v1" in capsys.readouterr().err
+    assert "the audit supports only RTAGlueCWHInspection1v1" in capsys.readouterr().err

@@ -1,1 +1,1 @@
-"""One module for each command or few: its arguments, and what it does; imported when its command line is parsed."""
+"""The modules of the commands with their arguments and functions; each is imported when its command line is parsed."""

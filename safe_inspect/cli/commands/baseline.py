@@ -1,4 +1,4 @@
-"""The command ``safe-inspect baseline``: open-loop plans, or a scripted policy, episode by episode."""
+"""The command ``safe-inspect baseline``: open-loop plans or a scripted policy, evaluated episode by episode."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from safe_inspect.planning.record import Record
 from safe_inspect.plugins.registry import registry
 from safe_inspect.version import __version__
 
-#: The task that is flown unless another is given.
+#: The default task.
 _DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
 def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the baselines."""
+    """Add the arguments of ``baseline``."""
     parser.add_argument(
         "kind", metavar="BASELINE", help="optimiser (open-loop plans made with perfect knowledge), zero-thrust, "
         "random, inspector, or the name of any scripted policy",
@@ -43,15 +43,15 @@ def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_baseline(arguments: argparse.Namespace) -> int:
-    """Fly a baseline, or optimise plans, and print the table."""
+    """Run a baseline or optimise plans, and print the table."""
     kind, effort = arguments.kind, arguments.effort
     known = {OPTIMISER, *BASELINES, *(name for name, _ in registry.items("policy"))}
     if kind == "optimizer":
         kind = OPTIMISER
     if kind not in known and "." not in kind:
-        raise SafeInspectError(f"no baseline {kind!r}; {did_you_mean(kind, known)}")
+        raise SafeInspectError(f"there is no baseline {kind!r}; {did_you_mean(kind, known)}")
     if effort is not None and kind != OPTIMISER:
-        raise SafeInspectError(f"--effort is for the optimiser; leave it out for {kind}")
+        raise SafeInspectError(f"--effort is only for the optimiser; remove it for {kind}")
     spec = load_spec(arguments.cfg, arguments.overrides)
     asked = Record(
         kind=kind,
@@ -71,7 +71,7 @@ def run_baseline(arguments: argparse.Namespace) -> int:
         )
     except KeyboardInterrupt as stop:
         if arguments.output is not None:
-            stop.add_note("the same command goes on from there")
+            stop.add_note("the same command continues from there")
         raise
     except UnwrittenRecordError as unwritten:
         bar.close()

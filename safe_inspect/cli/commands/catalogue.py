@@ -28,7 +28,7 @@ from safe_inspect.rendezvous.models import RendezvousConfig
 from safe_inspect.rendezvous.scenario import check_scenario
 from safe_inspect.task_ids import ALL_TASKS, TEAM_TASKS
 
-#: The model of every kind of file that has a schema.
+#: The model of each kind of file with a schema.
 _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
 
 _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
@@ -67,7 +67,7 @@ def run_list(arguments: argparse.Namespace) -> int:
     lists = {"tasks": _tasks, "policies": _policies}
     if arguments.kind in lists:
         if arguments.name is not None:
-            raise SafeInspectError(f"`list {arguments.kind}` takes no name; remove {arguments.name!r}")
+            raise SafeInspectError(f"`list {arguments.kind}` does not take a name; remove {arguments.name!r}")
         print(lists[arguments.kind]())
     else:
         print(_catalogue(arguments.kind, arguments.name))
@@ -75,7 +75,7 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 
 def _tasks() -> str:
-    """Return the id of each shipped task, its file and what the file says of it."""
+    """Return the id of each shipped task, its file and the description in the file."""
     blocks = []
     for name, file in ALL_TASKS.items():
         path = configs_root() / file
@@ -87,7 +87,7 @@ def _tasks() -> str:
 
 
 def _policies() -> str:
-    """Return the name of each shipped policy and what its card says of it, and of each scripted policy."""
+    """Return the name and description of each shipped policy and each scripted policy."""
     blocks = []
     for name in shipped_policies():
         about = shipped_policy(name).card.read_text(encoding="utf-8").split("\n\n")[1]
@@ -100,7 +100,7 @@ def _policies() -> str:
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
-    """Check an experiment, or one of a rendezvous."""
+    """Check an experiment file, which may be one of a rendezvous."""
     if is_rendezvous(arguments.cfg):
         rendezvous = load_rendezvous(arguments.cfg, arguments.overrides)
         print_doubts(check_scenario(rendezvous))
@@ -118,7 +118,7 @@ def run_validate(arguments: argparse.Namespace) -> int:
 def run_schema(arguments: argparse.Namespace) -> int:
     """Print the schema of a kind of file."""
     if arguments.file not in _SCHEMAS:
-        raise ConfigError(f"no kind of file is called {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
+        raise ConfigError(f"there is no kind of file {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
     text = json.dumps(model_schema(_SCHEMAS[arguments.file]), indent=2, sort_keys=True)
     if arguments.output is None:
         print(text)
@@ -133,8 +133,8 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
     """Return the plugins with their fields, defaults and units, one block for each.
 
     Args:
-        kind: Only this kind.
-        name: Only the plugin of this name.
+        kind: If given, only plugins of this kind.
+        name: If given, only the plugin with this name.
 
     Raises:
         RegistryError: There is no such kind or name.
@@ -166,7 +166,7 @@ def _block(name: str, cls: type[Plugin]) -> str:
 
 
 def _documented(cls: type[Plugin]) -> dict[str, str]:
-    """Return what the docstrings of a class and its bases say of each field; the class's own word counts first."""
+    """Return the descriptions of the fields in the docstrings of a class and its bases; the class has precedence."""
     texts: dict[str, str] = {}
     for parent in cls.__mro__:
         text = (vars(parent).get("__doc__") or "").partition("Attributes:")[2]

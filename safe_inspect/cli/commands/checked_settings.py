@@ -1,4 +1,4 @@
-"""`checked_settings`: how an experiment is to be trained, for `validate` and `train`."""
+"""`checked_settings`: the training settings of an experiment, for `validate` and `train`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from safe_inspect.experiments.settings.search import searches_of
 
 
 def checked_settings(experiment: Experiment) -> Settings:
-    """Return the settings of a training, and print the notes on them.
+    """Return the settings of a training, and print notes about them.
 
-    Ray is loaded only where objects of it are named by their paths.
+    Ray is only loaded if the settings contain paths to objects.
 
     Raises:
-        ConfigError: With the mistakes in them.
+        ConfigError: The settings have mistakes; all are listed.
     """
     task = experiment.config.config.config
     rllib = {"algorithm": experiment.algorithm, **experiment.rllib}

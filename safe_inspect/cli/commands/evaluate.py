@@ -44,12 +44,12 @@ from safe_inspect.version import __version__
 
 _Candidate: TypeAlias = Candidate | PilotCandidate
 
-#: What may differ between an evaluation that was stopped and the one that continues it.
+#: Entries that may differ between an interrupted evaluation and its continuation.
 _VOLATILE = {"date", "command"}
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the evaluation."""
+    """Add the arguments of ``evaluate``."""
     parser.add_argument(
         "words", nargs="*", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, or name of a "
         "policy (see `safe-inspect list policies`); none for a rendezvous, which its pilot flies; KEY=VALUE replaces a "
@@ -63,9 +63,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the comparison."""
+    """Add the arguments of ``compare``."""
     parser.add_argument(
-        "words", nargs="*", metavar="SOURCE", help="folder of an evaluation, or a source that `evaluate` takes, which "
+        "words", nargs="*", metavar="SOURCE", help="folder of an evaluation, or a source of `evaluate`, which "
         "is run on the episodes of the first evaluation; every source is compared with the first",
     )  # fmt: skip
     parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
@@ -123,11 +123,11 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_evaluate(arguments: argparse.Namespace) -> int:
-    """Fly every source and print its table."""
+    """Evaluate every source and print its table."""
     sources = _sources(arguments)
     if not sources and not (arguments.cfg is not None and is_rendezvous(arguments.cfg)):
         if arguments.cfg is not None:
-            load_experiment(arguments.cfg, arguments.overrides)  # its mistakes come first
+            load_experiment(arguments.cfg, arguments.overrides)  # so that its mistakes are reported first
         raise SafeInspectError(
             "nothing to evaluate: give a checkpoint's folder, an ONNX file, the name of a baseline such as inspector, "
             "or --policy NAME"
@@ -150,7 +150,7 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
 
 
 def _print_tables(found: Sequence[Evaluation]) -> None:
-    """Print the table of each evaluation, and of all together where they are trainings of one recipe."""
+    """Print the table of each evaluation, and a joint one if they are trainings of one recipe."""
     if found:
         print("\n\n".join(evaluation_table(item) for item in found))
     trained = all(item.record["source"]["kind"] != "scripted" for item in found)
@@ -159,12 +159,12 @@ def _print_tables(found: Sequence[Evaluation]) -> None:
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
-    """Print evaluations of the same episodes side by side."""
+    """Print a comparison of evaluations of the same episodes."""
     sources = _sources(arguments)
     if len(sources) < 2:
         twice = len(arguments.words) + len(arguments.policy) - len(arguments.overrides) > 1
-        what = f"{sources[0]} is given twice; another is needed" if twice else "two or more are compared"
-        raise SafeInspectError(f"{what}; give folders of evaluations, or what `evaluate` takes")
+        what = f"{sources[0]} is given twice; give another one" if twice else "`compare` needs two or more sources"
+        raise SafeInspectError(f"{what}; give folders of evaluations, or sources of `evaluate`")
     if arguments.json is not None:
         check_writable(arguments.json, [".json"])
     found = {text: read_evaluation(text) for text in sources if is_evaluation(text)}
@@ -178,7 +178,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
         prepared = _prepared(arguments, flown, first)
         found |= dict(zip(flown, fly_candidates(arguments, *prepared), strict=True))
     elif arguments.output is not None:
-        raise OutputError("--output keeps what `compare` flies, and all are evaluations already; leave it out")
+        raise OutputError("--output stores new evaluations, but all sources are evaluations already; remove it")
     labels = [item.label for item in found.values()]
     chosen = [
         found[text] if labels.count(found[text].label) == 1 else replace(found[text], label=text) for text in sources
@@ -191,27 +191,27 @@ def run_compare(arguments: argparse.Namespace) -> int:
 
 
 def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: Mapping[str, Evaluation]) -> None:
-    """Refuse options that change nothing, because the episodes they are about have been flown already."""
+    """Raise an error for options without effect, because their episodes have already been evaluated."""
     for text, evaluation in found.items():
         for name in ("episodes", "seed"):
             wanted, flown = getattr(arguments, name), evaluation.record[name]
             if wanted is not None and wanted != flown:
-                raise SafeInspectError(f"--{name} {wanted}: the {name} of {text}, which is not flown again, is {flown}")
+                raise SafeInspectError(f"--{name} {wanted}: the {name} of {text}, which is not repeated, is {flown}")
     options = {"--metric": arguments.metric, "--cfg": arguments.cfg, "--reference": arguments.reference}
     if len(found) == len(sources):
         for option, given in (options | {"KEY=VALUE": arguments.overrides}).items():
             if given:
-                raise SafeInspectError(f"{option} changes nothing, as all are evaluations already; leave it out")
+                raise SafeInspectError(f"{option} has no effect, as all sources are evaluations already; remove it")
 
 
 def _sources(arguments: argparse.Namespace) -> list[str]:
-    """Return the sources among the words; the others are overrides."""
+    """Return the sources among the words of the command line; the others are overrides."""
     words = [*arguments.words]
     texts = [word for word in words if not is_override(word)]
     arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
     for text in texts:
         if ":" in text and not os.path.exists(text):
-            raise SafeInspectError(f"no policy {text!r}; {equals_hint(text)}")
+            raise SafeInspectError(f"there is no policy {text!r}; {equals_hint(text)}")
     texts += [f"{SHIPPED}{name}" for name in arguments.policy]
     return list(dict.fromkeys(texts))
 
@@ -219,7 +219,7 @@ def _sources(arguments: argparse.Namespace) -> list[str]:
 def _prepared(
     arguments: argparse.Namespace, sources: Sequence[str], model: Evaluation | None
 ) -> tuple[Sequence[_Candidate], list[BaseMetric], FloatArray | None]:
-    """Check all that can be wrong before an episode is flown; return who flies, what is measured, and the reference."""
+    """Check everything that can be wrong before an episode starts; return candidates, metrics and the reference."""
     metrics = read_metrics(arguments.metric)
     pilot = open_pilot(arguments, sources, model)
     if pilot is not None:
@@ -244,16 +244,16 @@ def fly_candidates(
     reference: FloatArray | None,
     show: Callable[[Sequence[Evaluation]], None] | None = None,
 ) -> list[Evaluation]:
-    """Fly the episodes of candidates, and write their evaluations into the folder of ``--output``.
+    """Run the episodes of candidates, and write their evaluations into the folder of ``--output``.
 
-    Where an earlier call with the same arguments was stopped, it continues from what that has kept.
+    If an earlier call with the same arguments was interrupted, it is continued from the episodes that were stored.
 
     Args:
-        arguments: Those of `evaluate`.
-        candidates: Who flies.
-        metrics: What is measured besides the usual.
+        arguments: Arguments of `evaluate`.
+        candidates: The policies to evaluate.
+        metrics: Additional metrics.
         reference: Delta-v of the open-loop optimum of every episode [m/s].
-        show: Called with the evaluations before they are written, so that a full disk does not lose them.
+        show: Function that is called with the evaluations before they are written, in case the disk is full.
     """
     output = arguments.output
     if output is not None:
@@ -289,7 +289,7 @@ def fly_candidates(
             except KeyboardInterrupt as stop:
                 if output is None:
                     done = arguments.episodes * len(found) + bar.done
-                    stop.add_note(f"{done:,} of {count:,} episodes were flown and are lost; --output FOLDER keeps them")
+                    stop.add_note(f"{done:,} of {count:,} episodes were run and are lost; --output FOLDER stores them")
                 raise
             finally:
                 bar.close()
@@ -304,13 +304,13 @@ def fly_candidates(
 
 
 def _new_name(label: str, taken: Collection[str]) -> str:
-    """Return a label as the name of a folder that is not taken."""
+    """Return a label as the name of a folder that is not used yet."""
     name = re.sub(r"[^\w.-]+", "-", label).strip(".-") or "evaluation"
     return next(text for text in (name, *(f"{name}-{k}" for k in range(2, len(taken) + 3))) if text not in taken)
 
 
 def _record(arguments: argparse.Namespace, candidate: _Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
-    """Return what an evaluation is."""
+    """Return the record that identifies an evaluation."""
     reference = arguments.reference
     return {
         "safe_inspect": __version__,

@@ -16,7 +16,7 @@ from safe_inspect.outputs import check_ending
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the export."""
+    """Add the arguments of ``export``."""
     parser.add_argument(
         "checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a training run (its newest checkpoint)"
     )
@@ -29,15 +29,15 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Write the file and print how far it is from the checkpoint."""
+    """Write the file and print its largest difference from the checkpoint."""
     if arguments.output is not None:
         check_ending(arguments.output, [".onnx"], "policy file")
     if arguments.overrides and arguments.cfg is None:
-        raise CheckpointError("values are replaced in an experiment that is named with --cfg; give it, or no values")
+        raise CheckpointError("KEY=VALUE needs an experiment; give one with --cfg, or remove KEY=VALUE")
     experiment = None if arguments.cfg is None else load_experiment(arguments.cfg, arguments.overrides)
     if str(arguments.checkpoint) in shipped_policies() and not os.path.exists(arguments.checkpoint):
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
-        raise CheckpointError(f"{arguments.checkpoint} is shipped as ONNX already; copy {files}")
+        raise CheckpointError(f"{arguments.checkpoint} is already shipped as ONNX; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
     from safe_inspect.experiments.export.export import export_policy, policies_in  # loads Ray and Torch
 
@@ -62,5 +62,5 @@ def run_export(arguments: argparse.Namespace) -> int:
         f"{found.rows - done.flown:,} random and {done.flown:,} flown observations"
     )
     if found.undecided:
-        print(f"  {found.undecided:,} of them left out, as two levels are equally likely there")
+        print(f"  {found.undecided:,} of them left out, because two levels are equally likely")
     return 0

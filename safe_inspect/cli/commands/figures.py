@@ -1,4 +1,4 @@
-"""The commands ``safe-inspect draw``, ``film``, ``view`` and ``curves``: pictures of episodes and of trainings."""
+"""The commands ``safe-inspect draw``, ``film``, ``view`` and ``curves``: figures of episodes and of trainings."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: s
 
 def _number(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f"a number of an episode from 0 on is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected the number of an episode, from 0, not {text!r}")
     return int(text)
 
 
@@ -117,12 +117,12 @@ def _seconds(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"a time above 0 in seconds is wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a time above 0 in seconds, not {text!r}")
     return value
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
-    """Draw one episode, or one mission."""
+    """Draw a figure of one episode or one mission."""
     is_mission = _prepare(arguments, "png", FIGURE_ENDINGS, "figure")
     require_matplotlib()
     if is_mission:
@@ -133,7 +133,7 @@ def run_draw(arguments: argparse.Namespace) -> int:
 
 
 def run_film(arguments: argparse.Namespace) -> int:
-    """Film one episode, or one mission."""
+    """Write an animation of one episode or one mission."""
     is_mission = _prepare(arguments, "gif", _FILMS, "film")
     require_matplotlib()
     if not 2 <= arguments.frames <= 20_000 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
@@ -157,7 +157,7 @@ def run_film(arguments: argparse.Namespace) -> int:
 
 
 def run_view(arguments: argparse.Namespace) -> int:
-    """Write the page of one episode, or of one mission."""
+    """Write the page of one episode or one mission."""
     if _prepare(arguments, "html", _PAGES, "page"):
         return view_mission(arguments)
     episode, task = _episode(arguments)
@@ -173,16 +173,16 @@ def run_curves(arguments: argparse.Namespace) -> int:
     check_ending(arguments.output, FIGURE_ENDINGS, "figure")
     recipes = recipes_of(arguments.runs, arguments.label) if arguments.runs else {}
     if arguments.label and not arguments.runs:
-        raise SafeInspectError("--label names the RUNs; give them, or use --recipe LABEL RUN...")
+        raise SafeInspectError("--label needs RUNs; give them, or use --recipe LABEL RUN...")
     for label, *runs in arguments.recipe:
         if not runs:
-            raise SafeInspectError(f"--recipe {label}: no RUN follows the label; give the folders of training runs")
+            raise SafeInspectError(f"--recipe {label}: there is no RUN after the label; give folders of training runs")
         recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
     if not recipes:
-        raise SafeInspectError("no learning curves: give the folders of training runs")
+        raise SafeInspectError("no learning curves: give folders of training runs")
     for label, paths in recipes.items():
         if len({path.resolve() for path in paths}) < len(paths):
-            raise SafeInspectError(f"{label}: a run is given twice; a band over seeds counts each once")
+            raise SafeInspectError(f"{label}: a run is given twice, but must count once in a band over seeds")
     save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)
     shown = ", ".join(f"{label} ({len(paths)})" for label, paths in recipes.items())
     print(f"{arguments.output}: {shown}")
@@ -190,7 +190,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
 
 
 def _episode(arguments: argparse.Namespace) -> tuple[Trajectory, str]:
-    """Return the episode that the command line names, flown or read from a recording, and the task that is flown."""
+    """Return the episode of the command line, evaluated or read from a recording, and the name of its task."""
     task, source = "", Path(arguments.source).expanduser()
     if _is_recording(source):
         episode = _recorded(arguments, source)
@@ -213,11 +213,11 @@ def _is_recording(source: Path) -> bool:
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
     for given, option in ((arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed")):
         if given:
-            raise SafeInspectError(f"{source}: {option} changes nothing in a recorded episode; leave it out")
+            raise SafeInspectError(f"{source}: {option} has no effect on a recorded episode; remove it")
     episodes = {episode.slot: episode for episode in read_trajectories(source)}
     if arguments.episode not in episodes:
         last = max(episodes, default=-1)
-        raise SafeInspectError(f"{source}: no episode {arguments.episode} is recorded; the last one is {last}")
+        raise SafeInspectError(f"{source}: episode {arguments.episode} is not recorded; the last one is {last}")
     return episodes[arguments.episode]
 
 
@@ -232,7 +232,7 @@ def _report(path: Path, episode: Trajectory) -> int:
 
 
 def _prepare(arguments: argparse.Namespace, ending: str, endings: tuple[str, ...], what: str) -> bool:
-    """Return whether the source is a mission's folder; refuse an output that cannot be written."""
+    """Return whether the source is the folder of a mission; raise an error if the output cannot be written."""
     flown = is_mission_source(arguments)
     if arguments.output is None:
         arguments.output = Path(f"{'mission' if flown else 'episode'}.{ending}")

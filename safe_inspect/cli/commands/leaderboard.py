@@ -36,7 +36,7 @@ from safe_inspect.version import __version__
 
 
 def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the leaderboard."""
+    """Add the arguments of ``leaderboard``."""
     parser.add_argument(
         "files", nargs="*", type=Path, metavar="FILE", help="YAML file of boards; further files add rows to boards of "
         "the same title (default: configs/leaderboard.yml)",
@@ -57,7 +57,7 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A row that is ready to fly; `candidate` is None for open-loop plans."""
+    """A row that is ready to run; `candidate` is None for open-loop plans."""
 
     board: Board
     row: FlownRow
@@ -69,19 +69,19 @@ class _Entry:
 
 
 def run_leaderboard(arguments: argparse.Namespace) -> int:
-    """Fly every row that is not known, and write the page."""
+    """Run every row without a stored result, and write the page."""
     leaderboard = read_leaderboard(arguments.files or [configs_root() / "leaderboard.yml"])
     titles = [board.title for board in leaderboard.boards]
     for title in arguments.board:
         if title not in titles:
-            raise SafeInspectError(f"--board: no board is named {title!r}; {did_you_mean(title, titles)}")
+            raise SafeInspectError(f"--board: there is no board {title!r}; {did_you_mean(title, titles)}")
     chosen = [board for board in leaderboard.boards if not arguments.board or board.title in arguments.board]
     leaderboard = leaderboard.model_copy(
         update={"boards": tuple(chosen), "episodes": arguments.episodes or leaderboard.episodes}
     )
     if arguments.output is not None:
         check_writable(arguments.output, [".md"])
-    entries = [_entries(board, leaderboard) for board in chosen]  # what is wrong is said before anything flies
+    entries = [_entries(board, leaderboard) for board in chosen]  # mistakes are reported before anything runs
     total = sum(map(len, entries))
     standings: list[list[Standing]] = []
     try:
@@ -105,7 +105,7 @@ def run_leaderboard(arguments: argparse.Namespace) -> int:
 
 
 def _command(arguments: argparse.Namespace) -> str:
-    """Return the command that makes the page, without where the rows are kept."""
+    """Return the command that creates the page, without the folder of the stored rows."""
     words = [str(path) for path in arguments.files]
     words += [word for title in arguments.board for word in ("--board", title)]
     words += ["--episodes", str(arguments.episodes)] if arguments.episodes else []
@@ -114,10 +114,10 @@ def _command(arguments: argparse.Namespace) -> str:
 
 
 def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
-    """Return the rows of a board, opened.
+    """Return the rows of a board, ready to run.
 
     Raises:
-        SafeInspectError: There is no such policy, or a row flies another task than the board's.
+        SafeInspectError: There is no such policy, or the task of a row differs from that of the board.
     """
     assert board.task is not None, "a leaderboard that was read has a task for each board"
     whole = task_of(load_spec(board.task, board.overrides))
@@ -136,13 +136,13 @@ def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
             raise SafeInspectError(f"{where}: {error}") from None
         differing = list(differing_keys(whole, task_of(spec)))
         if differing:
-            raise SafeInspectError(f"{where}: its task is not the board's: `{differing[0]}` differs")
+            raise SafeInspectError(f"{where}: its task differs from that of the board: `{differing[0]}`")
         found.append(_Entry(board, row, candidate))
     return found
 
 
 def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderboard) -> Standing:
-    """Return the standing of a row, flown now or before."""
+    """Return the result of a row, stored or new."""
     folder = arguments.results / slug(entry.board.title) / slug(entry.row.title)
     if entry.candidate is None:
         return _plans(entry, folder.with_suffix(".json"), leaderboard)
@@ -156,7 +156,7 @@ def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderb
 
 
 def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
-    """Return whether a folder holds these very episodes, of this policy in this task."""
+    """Return whether a folder contains exactly these episodes of this policy in this task."""
     if not is_evaluation(folder) or entry.candidate is None:
         return False
     try:
@@ -173,12 +173,12 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
 
 
 def _training(source: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return what the model card says of the training of a shipped policy."""
+    """Return the training section of the model card of a shipped policy."""
     return shipped_policy(source["text"].removeprefix(SHIPPED)).training if source["kind"] == "shipped" else {}
 
 
 def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
-    """Return the standing of open-loop plans, searched now or before."""
+    """Return the result of open-loop plans, stored or new."""
     task = entry.row.task or entry.board.task
     assert task is not None, "see `_entries`"
     spec = load_spec(task, entry.overrides)

@@ -1,4 +1,4 @@
-"""What ``safe-inspect draw``, ``film`` and ``view`` do with the folder of a rendezvous."""
+"""Implementation of ``safe-inspect draw``, ``film`` and ``view`` for the folder of a rendezvous."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.rendezvous.mission_panels import outcome_of
 from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
 
-#: What the folder of a mission has in addition to the resolved experiment.
+#: Files in the folder of a mission, in addition to the resolved experiment.
 _MISSION = ("events.jsonl", "log.npz")
 
 
 def is_mission_source(arguments: argparse.Namespace) -> bool:
-    """Return whether the command line names the folder of a mission, or of many to draw.
+    """Return whether the command line names the folder of one mission, or of several missions to draw.
 
     Raises:
-        SafeInspectError: It names the folder of many missions to film or view, or gives options that a flown mission
-            does not have.
+        SafeInspectError: It names the folder of several missions to film or view, or has options that do not apply to
+            a mission.
     """
     folder = Path(arguments.source).expanduser()
     if _is_evaluation(folder):
         if arguments.command != "draw":
             raise SafeInspectError(
-                f"{folder}: the evaluation of a rendezvous has the figures of its missions only; fly one of them by "
+                f"{folder}: the evaluation of a rendezvous only has the results of its missions; run one of them with "
                 "`rendezvous --episode N --output FOLDER`"
             )
     elif not any((folder / name).is_file() for name in _MISSION):
@@ -42,12 +42,12 @@ def is_mission_source(arguments: argparse.Namespace) -> bool:
         (arguments.episode, "--episode"),
     ):  # fmt: skip
         if given:
-            raise SafeInspectError(f"{folder}: {option} changes nothing in a flown mission; leave it out")
+            raise SafeInspectError(f"{folder}: {option} has no effect on a recorded mission; remove it")
     return True
 
 
 def draw_mission(arguments: argparse.Namespace) -> int:
-    """Draw a mission, or the distributions of many."""
+    """Draw a mission, or the distributions of several."""
     folder = Path(arguments.source).expanduser()
     if _is_evaluation(folder):
         return _draw_missions(arguments, folder)
@@ -57,13 +57,13 @@ def draw_mission(arguments: argparse.Namespace) -> int:
 
 
 def _is_evaluation(folder: Path) -> bool:
-    """Return whether a folder is that of the evaluation of a rendezvous."""
+    """Return whether a folder contains the evaluation of a rendezvous."""
     return is_evaluation(folder) and "rendezvous" in read_evaluation_record(folder)["task"]
 
 
 def _draw_missions(arguments: argparse.Namespace, folder: Path) -> int:
     if arguments.until is not None:
-        raise SafeInspectError(f"{folder}: --until cuts one mission, not many; leave it out")
+        raise SafeInspectError(f"{folder}: --until is for one mission, not several; remove it")
     evaluation = read_evaluation(folder)
     save(campaign_figure(evaluation), arguments.output)
     print(f"{arguments.output}: {len(evaluation)} missions, {ends(evaluation.team)}")
@@ -71,7 +71,7 @@ def _draw_missions(arguments: argparse.Namespace, folder: Path) -> int:
 
 
 def mission_film(arguments: argparse.Namespace) -> MissionFilm:
-    """Return the film of a mission."""
+    """Return the animation of a mission."""
     return MissionFilm(_record(arguments), arguments.frames, arguments.width, arguments.turn)
 
 
@@ -84,7 +84,7 @@ def view_mission(arguments: argparse.Namespace) -> int:
 
 
 def print_mission(arguments: argparse.Namespace, record: MissionRecord) -> int:
-    """Print what was written, and how the mission went."""
+    """Print the path of the output and the outcome of the mission."""
     path = arguments.output
     print(f"{path}: {outcome_of(record)}, {path.stat().st_size / 1000.0:.0f} kB")
     return 0

@@ -1,4 +1,4 @@
-"""`PilotCandidate`: the pilot of a rendezvous, for ``safe-inspect evaluate`` and ``compare``."""
+"""`PilotCandidate`: the autopilot of a rendezvous, for ``safe-inspect evaluate`` and ``compare``."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous, is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.scenario import check_scenario
 
-#: The name of the source.
+#: Name of the source.
 _PILOT = "pilot"
-#: Episodes of an environment that are flown at a time unless ``--num-envs`` is given.
+#: Default of ``--num-envs``: number of episodes of an environment that are run at a time.
 NUM_ENVS = 512
 
 
 @dataclass(frozen=True, eq=False)
 class PilotCandidate:
-    """The flight computer of a rendezvous experiment, which is to be evaluated; see `Candidate`.
+    """The flight computer of a rendezvous experiment as the candidate of an evaluation; see `Candidate`.
 
     Attributes:
         experiment: The experiment; its seed is that of the episodes.
-        flights: What flies the episodes.
+        flights: Runner of the episodes.
     """
 
     experiment: Rendezvous
@@ -41,35 +41,33 @@ class PilotCandidate:
 
     @property
     def label(self) -> str:
-        """Name in tables."""
+        """Name of the candidate in tables."""
         return _PILOT
 
     @property
     def source(self) -> dict[str, Any]:
-        """What it is: ``text``, ``kind``, ``path`` and ``sha256``."""
+        """Description of the source: ``text``, ``kind``, ``path`` and ``sha256``."""
         digest = hashlib.sha256(json.dumps(self.experiment.resolved, sort_keys=True, default=str).encode())
         return {"text": _PILOT, "kind": "scripted", "path": None, "sha256": digest.hexdigest()}
 
     @property
     def task(self) -> dict[str, Any]:
-        """What evaluations must have in common to be compared."""
+        """Properties that must be equal in evaluations that are compared."""
         return mission_task(self.experiment.config)
 
     @property
     def price(self) -> str:
-        """Nothing: there are no rewards."""
+        """An empty string, because there are no rewards."""
         return ""
 
     def measured(self, metrics: Sequence[BaseMetric]) -> list[BaseMetric]:
-        """Return no metrics: the figures of a mission are its own.
+        """Return no metrics, because a mission has its own results.
 
         Raises:
-            SafeInspectError: Some are given.
+            SafeInspectError: Metrics are given.
         """
         if metrics:
-            raise SafeInspectError(
-                "--metric is for environments; the figures of a rendezvous are its own: leave it out"
-            )
+            raise SafeInspectError("--metric is only for environments, not for a rendezvous; remove it")
         return []
 
     def fly(
@@ -82,14 +80,14 @@ class PilotCandidate:
         progress: Callable[[int, int], None] | None = None,
         **_: Any,
     ) -> Episodes:
-        """Fly episodes; see `fly_missions`.
+        """Run episodes; see `fly_missions`.
 
         Args:
-            episodes: How many.
-            seed: That of the experiment.
+            episodes: Number of episodes.
+            seed: Seed of the experiment.
             num_envs: Has no effect: each episode is a separate batch.
-            kept: Those that are not flown again.
-            progress: Called with (finished episodes, `episodes`).
+            kept: Stored episodes, which are not run again.
+            progress: Function that is called with (finished episodes, `episodes`).
         """
         return fly_missions(self.experiment, episodes, self.flights, kept, progress)
 
@@ -97,16 +95,16 @@ class PilotCandidate:
 def open_pilot(
     arguments: argparse.Namespace, sources: Sequence[str], model: Evaluation | None
 ) -> PilotCandidate | None:
-    """Return the pilot of the rendezvous experiment that a command line names; None where it names none.
+    """Return the pilot of the rendezvous experiment on the command line, or None if there is none.
 
     Args:
-        arguments: Those of `evaluate`; the seed becomes that of the experiment where none is given.
-        sources: The sources that are to fly.
-        model: The evaluation whose experiment is flown where none is named.
+        arguments: Arguments of `evaluate`; the default seed becomes that of the experiment.
+        sources: The given sources.
+        model: An evaluation whose experiment is the default.
 
     Raises:
         ConfigError: The experiment has mistakes.
-        SafeInspectError: There are other sources than the pilot, or options that environments alone have.
+        SafeInspectError: There are sources other than the pilot, or options that only apply to environments.
     """
     overrides = [text for text in arguments.overrides if not text.startswith("address=")]
     if arguments.seed is not None:
@@ -115,14 +113,14 @@ def open_pilot(
     if experiment is None:
         if arguments.workers is not None:
             raise SafeInspectError(
-                "--workers is for the missions of a rendezvous; an environment runs --num-envs episodes at a time"
+                "--workers is only for a rendezvous; an environment runs --num-envs episodes at a time"
             )
         return None
     others = [text for text in sources if text != _PILOT]
     if others:
         raise SafeInspectError(
-            f"{others[0]}: a rendezvous is flown by its pilot; leave the source out, and choose the pilot's parts by "
-            "KEY=VALUE, such as tracker={functor: LQRTracker}"
+            f"{others[0]}: a rendezvous is controlled by its pilot; remove the source, and choose the parts "
+            "with KEY=VALUE, such as tracker={functor: LQRTracker}"
         )
     for given, option in (
         (arguments.record, "--record"), (arguments.reference, "--reference"), (arguments.sampled is not None, "--mode"),
@@ -130,7 +128,7 @@ def open_pilot(
     ):  # fmt: skip
         if given:
             raise SafeInspectError(
-                f"{option} is for environments, and {experiment.source} is a rendezvous; leave it out"
+                f"{option} is only for environments, and {experiment.source} is a rendezvous; remove it"
             )
     print_loading()
     print_doubts(check_scenario(experiment, arguments.episodes))
@@ -139,7 +137,7 @@ def open_pilot(
 
 
 def _flights(arguments: argparse.Namespace) -> Flights:
-    """Return what flies the missions: processes of this machine, or Ray where `address` is given."""
+    """Return the runner of the missions: processes on this machine, or Ray if `address` is given."""
     addresses = [text.partition("=")[2] for text in arguments.overrides if text.startswith("address=")]
     workers = arguments.workers or 1
     if not addresses:

@@ -30,7 +30,7 @@ FIGURE = "estimate.png"
 
 
 def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the recording of a sensor log."""
+    """Add the arguments of ``record-log``."""
     add_experiment_file(parser)
     add_output_folder(parser, "the log", required=True)
     parser.add_argument(
@@ -46,7 +46,7 @@ def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the estimation on a sensor log."""
+    """Add the arguments of ``characterise``."""
     parser.add_argument("folder", metavar="FOLDER", help="folder of a sensor log")
     parser.add_argument(
         "--target",
@@ -65,7 +65,7 @@ def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_record_log(arguments: argparse.Namespace) -> int:
-    """Record the sensors of a simulated watch."""
+    """Record the sensors during a simulated observation of a target."""
     print_loading()
     experiment = load_rendezvous(arguments.cfg, arguments.overrides)
     print_doubts(check_scenario(experiment))
@@ -73,7 +73,7 @@ def run_record_log(arguments: argparse.Namespace) -> int:
     steps = arguments.period / config.mission.step
     if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
         raise SafeInspectError(
-            f"--period {arguments.period:g} is no multiple of the step of control, {config.mission.step:g} s; round it"
+            f"--period {arguments.period:g} is not a multiple of the control step, {config.mission.step:g} s; round it"
         )
     sensors = config.sensors.model_copy(update={"frame_period": arguments.period})
     config = config.model_copy(update={"sensors": sensors})
@@ -89,7 +89,7 @@ def run_record_log(arguments: argparse.Namespace) -> int:
 
 
 def run_characterise(arguments: argparse.Namespace) -> int:
-    """Estimate how a target tumbles, and write and print what was found."""
+    """Estimate the tumbling motion of a target, and write and print the results."""
     print_loading()
     log = read_sensor_log(arguments.folder)
     print_doubts(check_log(log))
@@ -127,6 +127,6 @@ def _picked(text: str) -> tuple[int, int, int, float]:
             raise ValueError
     except ValueError:
         raise SafeInspectError(
-            f"--pick {text!r}: frame, column, row and distance are wanted, such as --pick 12,80,90,0.3"
+            f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
         ) from None
     return frame, column, row, distance

@@ -19,26 +19,26 @@ from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.missions.tables import mission_table
 from safe_inspect.rendezvous.scenario import check_scenario
 
-#: Time of a mission between two lines of progress [s], on a terminal and elsewhere.
+#: Mission time between two progress updates [s], on a terminal and elsewhere.
 _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
 
 
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of a rendezvous."""
+    """Add the arguments of ``rendezvous``."""
     add_experiment_file(parser)
     parser.add_argument(
         "--episode", type=natural, default=0, metavar="N", help="fly episode N of an evaluation (default: 0)"
     )
     parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
-    parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment, and fly nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")
 
 
 def run_rendezvous(arguments: argparse.Namespace) -> int:
-    """Fly one mission and print its table; return 1 when it has failed."""
+    """Run one mission and print its table; return 1 if it has failed."""
     if arguments.missions is not None:
         raise SafeInspectError(
-            f"--missions has been removed; fly many by `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
+            f"--missions has been removed; run several with `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
             f"{arguments.missions}`, with --workers and --output as before"
         )
     print_loading()
@@ -62,7 +62,7 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
 
 
 class _MissionLines:
-    """The progress of a mission: one line that is redrawn on a terminal, elsewhere a line every ten seconds of it."""
+    """Progress of a mission: on a terminal one line that is updated, elsewhere a line every ten seconds of mission."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream, self._is_terminal = stream, stream.isatty()
@@ -73,7 +73,7 @@ class _MissionLines:
         self._show(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
 
     def step(self, context: MissionContext) -> None:
-        """Show how the mission stands, when it is time to."""
+        """Show the state of the mission, if an update is due."""
         if context.time < self._next:
             return
         self._next = context.time + (_TERMINAL_PERIOD if self._is_terminal else _PERIOD)

@@ -22,7 +22,7 @@ from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 
 
 def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the safety report."""
+    """Add the arguments of ``safety``."""
     add_experiment_arguments(parser)
     parser.add_argument(
         "--steps", type=positive, default=1_000_000, metavar="N", help="number of filtered steps (default: 1000000)"
@@ -42,7 +42,7 @@ def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the acceptance rates."""
+    """Add the arguments of ``acceptance``."""
     add_experiment_arguments(parser)
     parser.add_argument(
         "--draws", type=positive, default=100_000, metavar="N", help="number of initial states (default: 100000)"
@@ -52,7 +52,7 @@ def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_safety(arguments: argparse.Namespace) -> int:
-    """Print the safety report; return 1 when a constraint was violated."""
+    """Print the safety report; return 1 if a constraint was violated."""
     if arguments.audit is not None:
         return _run_audit(arguments)
     _check_plot(arguments)
@@ -69,11 +69,11 @@ def run_safety(arguments: argparse.Namespace) -> int:
 
 
 def _run_audit(arguments: argparse.Namespace) -> int:
-    """Print the audit; return 1 when a constraint was violated or a step was without a plan."""
+    """Print the audit; return 1 if a constraint was violated or a step had no plan."""
     experiment = _load(arguments, enable=True)
     glue = next(glue for glue in experiment.spec.agents[0].action_glues if isinstance(glue, SafetyGlue))
     if not isinstance(glue, RTAGlueCWHInspection1v1) or glue.method != "backup":
-        raise ConfigError(f"{arguments.cfg}: the audit is of RTAGlueCWHInspection1v1 with the method 'backup'")
+        raise ConfigError(f"{arguments.cfg}: the audit supports only RTAGlueCWHInspection1v1 with the method 'backup'")
 
     def show(found: Audit) -> None:
         told = f"{found.settings:,} of {arguments.audit + 1:,} settings, {found.steps:,} steps"
@@ -101,7 +101,7 @@ def _check_plot(arguments: argparse.Namespace) -> None:
 
 
 def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:
-    """Load the experiment, with its safety glue enabled when that is asked for."""
+    """Load the experiment, with its safety glue enabled if requested."""
 
     def load(overrides: list[str]) -> Experiment:
         return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
@@ -114,4 +114,4 @@ def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:
         if isinstance(glue, SafetyGlue):
             where = f"agent_config.0.config.config.glues.{index}.config.enabled"
             return experiment if glue.enabled else load([*arguments.overrides, f"{where}=True"])
-    raise ConfigError(f"{arguments.cfg}: no glue of the agent is a safety glue; wrap the controllers in one")
+    raise ConfigError(f"{arguments.cfg}: the agent has no safety glue; wrap the controllers in one")

@@ -32,7 +32,7 @@ from safe_inspect.rta.team import TeamSafety
 
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the training."""
+    """Add the arguments of ``train``."""
     add_experiment_arguments(parser, needed=False)
     parser.add_argument(
         "--output",
@@ -49,12 +49,12 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_train(arguments: argparse.Namespace) -> int:
-    """Train, or go on with a training, or only try the experiment out."""
+    """Start a training, continue one, or only try the experiment out."""
     cfg = arguments.cfg
     if cfg is None and arguments.resume is not None:
         cfg = open_run_folder(arguments.resume).configuration
     if cfg is None:
-        raise ConfigError("no experiment: give its file with --cfg, or an earlier run's folder with --resume")
+        raise ConfigError("no experiment: give an experiment file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     checked_settings(experiment)
     if arguments.dry_run:
@@ -138,7 +138,7 @@ def _fields(plugin: BaseModel) -> str:
 
 
 def _named(safety: SafetyGlue | TeamSafety) -> str:
-    """Return the name of a safety filter, its method, and the constraints that it keeps."""
+    """Return the name of a safety filter, its method, and its constraints."""
     method, constraints = getattr(safety, "method", None), getattr(safety, "constraints", ())
     named = safety.registered_name + (f", {method}" if method else "")
     named += f", keeps {', '.join(map(name_of, constraints))}" if constraints else ""
@@ -164,12 +164,12 @@ def _closing(result: Any) -> str:
         lines.append(f"curves:      {drawn}")
     lines.append(f"TensorBoard: tensorboard --logdir {shlex.quote(str(result.folder))}")
     if result.interrupted:
-        lines.append(f"go on:       python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
+        lines.append(f"continue:    python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")
     return "\n".join(lines)
 
 
 def _draw_curve(folder: Path) -> Path | None:
-    """Draw the learning curve, of a search those of its trials, unless matplotlib or a first iteration is missing."""
+    """Draw the learning curve, or those of a search's trials; skip it without matplotlib or without an iteration."""
     target, progress = folder / "learning_curve.png", folder / "progress.csv"
     try:
         save(learning_curve_figure(progress) if progress.is_file() else curves_figure(recipes_of([folder])), target)

@@ -24,10 +24,10 @@ def add_warm_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_warm(arguments: argparse.Namespace) -> int:
-    """Compile what environments need, and print how long each has taken."""
+    """Compile the functions that environments need, and print the time of each."""
     folder = kept_in()
     if folder is None:
-        raise SafeInspectError("no folder for machine code can be written; name one with NUMBA_CACHE_DIR")
+        raise SafeInspectError("the folder for machine code cannot be written; set another with NUMBA_CACHE_DIR")
     names = arguments.files or list(ALL_TASKS)
     specs = [load_experiment(name).spec for name in names]
     for index, (name, spec) in enumerate(zip(names, specs, strict=True), 1):
@@ -36,12 +36,12 @@ def run_warm(arguments: argparse.Namespace) -> int:
         _step(spec)
         wall, compiled = time.monotonic() - begin, compiling_seconds() - compiled
         print(f"{wall:.1f} s, {compiled:.1f} s of it compiling", flush=True)
-    print(f"machine code is kept in {folder}")
+    print(f"the machine code is in {folder}")
     return 0
 
 
 def _step(spec: EnvironmentSpec) -> None:
-    """Reset an environment, step it and reset it again: this calls all its kernels."""
+    """Reset an environment, step it and reset it again, which calls all of its kernels."""
     environment = TeamEnvironment(spec, 1, seed=0)
     environment.reset()
     environment.step([np.zeros((1, group.size, group.action_layout.size)) for group in environment.acting])
