@@ -86,7 +86,7 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
     with pytest.raises(ConfigError) as caught:
         _own_callbacks([f"{__name__}.Mine", path, "no_such_module.Class", f"{__name__}.nothing"])
     shown = [str(problem) for problem in caught.value.problems]
-    needs = "is no class of callbacks; derive it from ray.rllib's RLlibCallback"
+    needs = "is not a class of callbacks; derive it from ray.rllib's RLlibCallback"
     assert shown == [
         f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
         "rllib_configs.callbacks: no module 'no_such_module'; install it or correct the name",
@@ -116,8 +116,8 @@ def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str
     with pytest.raises(ConfigError) as caught:
         algorithm._check_decisions(settings, texts)
     assert str(caught.value) == (
-        f"rllib_configs.{next(iter(changes))}: decisions that last (CoastGlue) are learned with `algorithm: PPO`, "
-        f"`env_runner: batched`, `learner: fast`, not with {shown}; change it, or remove CoastGlue"
+        f"rllib_configs.{next(iter(changes))}: decisions that last several steps (CoastGlue) need `algorithm: PPO`, "
+        f"`env_runner: batched`, `learner: fast`, not {shown}; change it, or remove CoastGlue"
     )
 
 

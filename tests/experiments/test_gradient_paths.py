@@ -121,4 +121,4 @@ def test_a_training_logs_its_path(algorithm, caplog):
         caplog.clear()
     name, why = "default_policy", "its layers are not linear with tanh between"
     assert told["tanh"] == ([f"{name} learns by the gradients of its layers in closed form"], {name: ""})
-    assert told["relu"] == ([f"{name} learns by Torch's autograd, as {why}"], {name: why})
+    assert told["relu"] == ([f"{name} learns by Torch's autograd, because {why}"], {name: why})

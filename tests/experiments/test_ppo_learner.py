@@ -324,7 +324,7 @@ def test_what_the_fast_learner_cannot_do_the_stock_one_does(ray_session):
     config.training(learner_connector=lambda *spaces: Nothing())
     algo = config.build_algo()
     try:
-        with pytest.warns(UserWarning, match="stock learner learns, as there is a connector between episodes"):
+        with pytest.warns(UserWarning, match="stock learner learns, because there is a connector between episodes"):
             learners = algo.train()["learners"]
         assert "learner_connector" in "".join(learners["__all_modules__"])
         assert "policy_loss" in learners["default_policy"]

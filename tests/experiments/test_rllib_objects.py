@@ -48,7 +48,7 @@ def test_connectors_are_built_for_each_pipeline():
 @pytest.mark.parametrize(
     ("keys", "shown"),
     [
-        ({"rl_module": "ray.rllib.connectors.connector_v2.ConnectorV2"}, "ConnectorV2' is no RLModule of RLlib"),
+        ({"rl_module": "ray.rllib.connectors.connector_v2.ConnectorV2"}, "ConnectorV2' is not an RLModule of RLlib"),
         ({"rl_module": "no_such_module.Module"}, "no module 'no_such_module'"),
         ({"env_to_module_connector": f"{__name__}.Deep"}, "rllib_configs.env_to_module_connector"),
         ({"learner_connector": f"{__name__}.refusing"}, "refusing rejects its `config`: .*depth"),

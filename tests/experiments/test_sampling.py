@@ -277,7 +277,7 @@ def test_what_the_batched_runner_cannot_do_the_stock_one_does(algorithm):
     config = build({})
     config.env_runners(env_to_module_connector=lambda env, spaces, device: FlattenObservations())
     assert "there is a connector between environment and policy" in capabilities(config).sampling
-    with pytest.warns(UserWarning, match="the stock runner samples, as there is a connector"):
+    with pytest.warns(UserWarning, match="RLlib's stock runner samples, because there is a connector"):
         algo = config.build_algo()
     try:
         runners = algo.train()["env_runners"]

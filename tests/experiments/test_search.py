@@ -144,7 +144,7 @@ def test_a_combination_that_does_not_fit_is_a_mistake_before_the_training():
         ({"learner_config_dict": {"a": LR}}, "learner_config_dict", "`grid_search` is only supported"),
         ({"learner_config_dict": {"a": [{"eval": "1"}]}}, "learner_config_dict", "`eval` contains code"),
         ({"learner_config_dict": {"grid_search": [{"eval": "1"}]}}, "learner_config_dict", "`eval` contains code"),
-        ({"algorithm": "SAC", "policy_model_config": {"a": LR}}, "policy_model_config", "`grid_search` is only supported"),
+        ({"algorithm": "SAC", "policy_model_config": {"a": LR}}, "policy_model_config", "`grid_search` is only"),
         ({"model": {"lstm_bias_initializer_kwargs": {"a": LR}}}, "model.lstm_bias_initializer_kwargs", "`grid_search`"),
     ],
 )

@@ -49,7 +49,7 @@ def test_the_evaluation_sees_other_episodes():
 
 
 def test_several_agents_are_refused():
-    with pytest.raises(SafeInspectError, match="one agent acts from outside here, not red, blue, green"):
+    with pytest.raises(SafeInspectError, match="this environment has one controlled agent, not red, blue, green"):
         build(experiment={"team": TEAM})
 
 

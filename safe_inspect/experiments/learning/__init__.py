@@ -1,1 +1,1 @@
-"""The PPO learner on arrays."""
+"""The PPO learner on arrays, and the configuration of RLlib's algorithms."""

@@ -1,4 +1,4 @@
-"""Build RLlib's `AlgorithmConfig` from checked settings. Importing this module loads Ray and Torch."""
+"""`build_config`: RLlib's `AlgorithmConfig` from checked settings. Importing this module loads Ray and Torch."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from safe_inspect.experiments.settings.policies import SINGLE, PolicySettings
 from safe_inspect.experiments.settings.policy_info import policy_texts
 from safe_inspect.plugins.registry import import_user_module
 
-#: Attribute of `AlgorithmConfig` for a key whose name is another.
+#: Attributes of `AlgorithmConfig` whose names differ from those of the keys.
 ATTRIBUTES = {"lambda": "lambda_"}
 
 _OWN = (
@@ -46,14 +46,14 @@ _OWN = (
     "module_to_env_connector",
     "learner_connector",
 )
-#: The name under which RLlib knows the environment, in checkpoints too.
+#: The name under which the environment is registered in RLlib; checkpoints contain it too.
 ENVIRONMENT = "safe_inspect"
 
-_UNSET = -1  # RLlib's mark of a removed attribute
+_UNSET = -1  # RLlib's value of a removed attribute
 
 
 class PolicyOf:
-    """RLlib's function from an agent to its policy.
+    """Function from an agent to its policy, for RLlib.
 
     Args:
         policies: The policies by name.
@@ -63,7 +63,7 @@ class PolicyOf:
         self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
 
     def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
-        """Return the name of the policy that flies an agent."""
+        """Return the name of an agent's policy."""
         return self._by_agent[agent]
 
 
@@ -74,12 +74,12 @@ def build_config(
 
     Args:
         rllib: The settings of one trial, from `translate_rllib`, without problems.
-        env_config: What the environments are built from; see `environment_settings`.
-        policies: The policies by name where there are several agents.
+        env_config: RLlib's environment configuration; see `environment_settings`.
+        policies: The policies by name if there are several agents.
 
     Raises:
-        ConfigError: A key that the algorithm does not have, or values that it refuses together.
-        CheckpointError: A policy's checkpoint that cannot be read.
+        ConfigError: The algorithm does not have a key, or rejects the combination of values.
+        CheckpointError: A policy's checkpoint cannot be read.
     """
     settings = rllib.settings
     texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
@@ -93,7 +93,7 @@ def build_config(
         set_replay_buffer(config, {**buffer, **settings.get("replay_buffer_config", {})}, several=bool(policies))
     environments = {**env_config, "several": bool(policies)}
     if settings["algorithm"] == "DQN":
-        environments["flat_actions"] = True  # it knows one choice only
+        environments["flat_actions"] = True  # RLlib's DQN supports only a single choice
     config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
@@ -115,10 +115,10 @@ def build_config(
 
 
 def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[str, str]]) -> None:
-    """Check that decisions that last are sampled and learned as such.
+    """Check the algorithm, the runner and the learner of a task with decisions that last several steps.
 
     Raises:
-        ConfigError: Something else than PPO with the batched runner and the fast learner is asked for.
+        ConfigError: They are not PPO with the batched runner and the fast learner.
     """
     wanted = {"algorithm": "PPO", "env_runner": "batched", "learner": "fast"}
     lasts = any(json.loads(text["action"])[-1]["unit"] == CONTROL_STEPS for text in texts.values())
@@ -126,7 +126,7 @@ def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[st
     if wrong:
         needs = ", ".join(f"`{key}: {value}`" for key, value in wanted.items())
         given = ", ".join(f"`{key}: {settings[key]}`" for key in wrong)
-        message = f"decisions that last (CoastGlue) are learned with {needs}, not with {given}"
+        message = f"decisions that last several steps (CoastGlue) need {needs}, not {given}"
         hint = "change it, or remove CoastGlue"
         raise ConfigError(Problem(message, f"rllib_configs.{wrong[0]}", hint=hint))
 
@@ -135,7 +135,7 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
     """Return the classes of callbacks that an experiment names.
 
     Raises:
-        ConfigError: There is no such class, or it is no `RLlibCallback`.
+        ConfigError: There is no such class, or it is not an `RLlibCallback`.
     """
     found, problems = [], []
     for name in names:
@@ -145,7 +145,7 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
             if isinstance(kind, type) and issubclass(kind, RLlibCallback):
                 found.append(kind)
             else:
-                problems.append(f"{name!r} is no class of callbacks; derive it from ray.rllib's RLlibCallback")
+                problems.append(f"{name!r} is not a class of callbacks; derive it from ray.rllib's RLlibCallback")
         except RegistryError as error:
             problems.append(str(error))
     if problems:
@@ -154,17 +154,21 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
 
 
 def claimed_processors(config: AlgorithmConfig) -> float:
-    """Return how many logical processors a trial claims."""
+    """Return the number of logical processors that a trial needs."""
     trainable: Any = config.algo_class
     request = trainable.default_resource_request(config.copy(copy_frozen=False))
     return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
 
 
 def register_environments(maker: str = DEFAULT_MAKER) -> None:
-    """Tell RLlib how to create the environment; needed in each process that builds or restores an algorithm."""
+    """Register the environment in RLlib; needed in each process that builds or restores an algorithm.
+
+    Args:
+        maker: ``module:function`` that builds the environments; by default the package's own.
+    """
 
     def create(config: Mapping[str, Any]) -> Any:
-        """Create what RLlib's stock runner takes; the batched runner builds its environments itself."""
+        """Create the environment for RLlib's stock runner; the batched runner builds its environments itself."""
         rest = {"maker": maker} | {key: value for key, value in config.items() if key != "num_envs"}
         if rest.get("several"):
             return TeamMultiAgentEnv(rest)
@@ -174,14 +178,14 @@ def register_environments(maker: str = DEFAULT_MAKER) -> None:
 
 
 def default_config(algorithm: str) -> AlgorithmConfig:
-    """Return RLlib's own defaults of an algorithm, on the current API stack."""
+    """Return RLlib's default configuration of an algorithm, on the current API stack."""
     trainable: Any = get_trainable_cls(algorithm)  # type: ignore[no-untyped-call]
     config: AlgorithmConfig = trainable.get_default_config()
     return config
 
 
 def attribute_names(config: AlgorithmConfig) -> set[str]:
-    """Return the public attributes and settable properties of a configuration, removed ones left out."""
+    """Return the names of the public attributes and settable properties of a configuration, without removed ones."""
     names = {name for name, value in vars(config).items() if not (type(value) is int and value == _UNSET)}
     names |= {
         name
@@ -208,7 +212,7 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
     names = attribute_names(config)
     for name, value in settings.items():
         attribute = ATTRIBUTES.get(name, name)
-        if name not in _OWN and attribute in names:  # a default of ours may not concern this algorithm
+        if name not in _OWN and attribute in names:  # not every algorithm has the keys of this package's defaults
             setattr(config, attribute, value)
 
 
@@ -218,7 +222,7 @@ def _set_policies(
     policies: Mapping[str, PolicySettings],
     texts: Mapping[str, Mapping[str, str]],
 ) -> None:
-    """Tell RLlib which policies there are, which agents they fly and what each has of its own."""
+    """Set the policies in RLlib's configuration, with their agents and their own settings."""
     model, algorithm = settings["model_config"], settings["algorithm"]
     entry = settings.get("rl_module")
     if not policies:

@@ -1,4 +1,4 @@
-"""`FastAdam`: Torch's Adam for the few small arrays of a net, without the work about it that takes longer."""
+"""`FastAdam`: Torch's Adam for the few small arrays of a net, without Torch's overhead, which takes longer."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def adam_step(
     Source: Kingma and Ba, Adam: A Method for Stochastic Optimization, 2015, algorithm 1.
 
     Args:
-        parameter: theta.
+        parameter: theta, changed in place.
         gradient: g.
-        mean: m.
-        square: v.
+        mean: m, changed in place.
+        square: v, changed in place.
         forget: 1 - beta_1 and 1 - beta_2.
         rate: Learning rate alpha / (1 - beta_1^t).
         scale: 1 / sqrt(1 - beta_2^t).
@@ -50,11 +50,11 @@ def adam_step(
 
 
 class FastAdam:
-    """Steps of an optimiser of Torch, whose settings and state it shares.
+    """Adam that shares the settings and the state of one of Torch's optimisers.
 
     Args:
         optimiser: An Adam, see `is_plain`.
-        parameters: Some of its parameters, float32, on the processor.
+        parameters: Some of its parameters, float32, on the CPU.
     """
 
     def __init__(self, optimiser: torch.optim.Adam, parameters: Sequence[torch.nn.Parameter]) -> None:
@@ -70,7 +70,7 @@ class FastAdam:
         """Take a step.
 
         Args:
-            gradients: Of the parameters, in their order.
+            gradients: Gradients of the parameters, in their order.
         """
         one, two = (float(beta) for beta in self._group["betas"])
         rate, epsilon = float(self._group["lr"]), float(self._group["eps"])
@@ -90,7 +90,10 @@ class FastAdam:
 
 
 def is_plain(optimiser: Any) -> bool:
-    """Return whether an optimiser is an Adam without extras: no decay, no maximum, one group of contiguous arrays."""
+    """Return whether an optimiser is an Adam with one group of contiguous arrays and without optional features.
+
+    The optional features are `weight_decay`, `amsgrad` and `maximize`.
+    """
     if type(optimiser) is not torch.optim.Adam or len(optimiser.param_groups) != 1:
         return False
     (group,) = optimiser.param_groups

@@ -1,4 +1,4 @@
-"""PPO's loss for a hurdle distribution: its gradient at the policy net's outputs."""
+"""The gradient of PPO's loss for a hurdle distribution, with respect to the outputs of the policy net."""
 
 from __future__ import annotations
 
@@ -30,20 +30,21 @@ def hurdle_gradient(
 ) -> None:
     """Compute the gradient of the policy's loss with respect to the inputs of its hurdle distribution.
 
-    The loss is that of `policy_gradient`. With the probability p that there is a burn, the entropy is
-    H(p) + p H(Gaussian) + H(choices), and the divergence KL(p) + p_old KL(Gaussian) + KL(choices).
+    The loss is that of `policy_gradient`. With the probability p of a burn, the entropy is
+    H(p) + p H(Gaussian) + H(choices), and the divergence is KL(p) + p_old KL(Gaussian) + KL(choices).
 
     Args:
-        rows: The minibatch: indices of the batch's R rows, shape (B,).
-        inputs: Of the minibatch, see `Hurdle`, shape (B, 1 + 2 A + K).
-        sizes: A and K; K is 0 where the action has no choice.
-        actions: Of the batch, shape (R, A), or (R, A + 1) with a choice; numbers that are all 0 mean no burn.
-        old_inputs: Those with which the actions were drawn, shape (R, 1 + 2 A + K).
-        old_log_probability: Logarithms of the actions' probability densities when they were drawn, shape (R,).
-        advantages: Of the batch, shape (R,).
-        clip: As in `policy_gradient`.
-        entropy_coefficient: As in `policy_gradient`.
-        kl_coefficient: As in `policy_gradient`.
+        rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
+        inputs: Inputs of the distribution for the minibatch, see `Hurdle`, shape (B, 1 + 2 A + K).
+        sizes: A and K; K is 0 if the action has no choice.
+        actions: Actions of the batch, shape (R, A), or (R, A + 1) with a choice; if all numbers are 0, there is no
+            burn.
+        old_inputs: Inputs with which the actions were sampled, shape (R, 1 + 2 A + K).
+        old_log_probability: Logarithms of the actions' probability densities when they were sampled, shape (R,).
+        advantages: Advantages of the batch, shape (R,).
+        clip: See `policy_gradient`.
+        entropy_coefficient: See `policy_gradient`.
+        kl_coefficient: See `policy_gradient`.
         gradient: Receives the gradient, shape (B, 1 + 2 A + K).
         sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
     """

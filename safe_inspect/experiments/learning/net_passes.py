@@ -1,4 +1,4 @@
-"""Passes of a minibatch through a net that learns: forwards to its outputs, backwards to its parameters' gradients."""
+"""Forward and backward passes of a minibatch through a net that learns."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import torch
 
 from safe_inspect.experiments.modules.tanh_net import TanhNet
 
-#: Inputs of the action distribution, and values; None where a net does not give them.
+#: Inputs of the action distribution, and values; None if a net does not compute them.
 Outputs = tuple[torch.Tensor | None, torch.Tensor | None]
 
 
 class Pass(Protocol):
-    """The way through a net."""
+    """Forward and backward pass through a net."""
 
     def forward(self, observations: torch.Tensor) -> Outputs:
-        """Return the outputs for observations (B, O): inputs (B, I) and values (B,)."""
+        """Return the outputs for observations (B, O): inputs of the action distribution (B, I) and values (B,)."""
 
     def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """Return the gradients of the parameters, from those of the outputs of the last `forward`."""
+        """Return the gradients of the parameters, given those with respect to the outputs of the last `forward`."""
 
 
 class AutogradPass:
-    """The way through any net.
+    """Pass through any net, with Torch's autograd.
 
     Args:
         net: The net as a function of observations.
-        parameters: Its parameters that learn.
+        parameters: The parameters of the net that learn.
     """
 
     def __init__(self, net: Callable[[torch.Tensor], Outputs], parameters: Sequence[torch.nn.Parameter]) -> None:
@@ -53,11 +53,11 @@ class AutogradPass:
 
 
 class TanhPass:
-    """The way through a net of tanh layers that gives one of the two outputs.
+    """Pass through a net of tanh layers that computes one of the two outputs.
 
     Args:
         net: The net.
-        values: Whether it gives the values; else the inputs of the action distribution.
+        values: Whether it computes the values; otherwise it computes the inputs of the action distribution.
     """
 
     def __init__(self, net: TanhNet, values: bool) -> None:
@@ -70,9 +70,9 @@ class TanhPass:
         return (None, found.squeeze(-1)) if self._values else (found, None)
 
     def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """See `Pass`; the gradients are changed."""
+        """See `Pass`; the gradients are changed in place."""
         inputs, values = gradients
         push = inputs if values is None else values.unsqueeze(-1)
-        assert push is not None, "the gradient of the one output that it gives"
+        assert push is not None, "the gradient of the one output that the net computes"
         with torch.no_grad():
             return self._net.backward(push)

@@ -1,4 +1,4 @@
-"""From RLlib's episodes to one batch of arrays for each policy that learns."""
+"""Conversion of RLlib's episodes to one batch of arrays for each policy that learns."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from safe_inspect.experiments.learning.ppo_kernels import advantages_of
 from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, part_of_episode
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
-#: Least standard deviation by which advantages are divided, as in RLlib.
+#: Smallest standard deviation by which advantages are divided, as in RLlib.
 LEAST_SPREAD = 1e-4
 
 
 @dataclass
 class Batch:
-    """P pieces of episodes of one policy, R steps in all, float32.
+    """P pieces of episodes of one policy, with R steps in total; arrays of numbers are float32.
 
     Attributes:
-        all_observations: Those of each step and the one behind each piece's last, shape (R + P, O).
-        lengths: Steps of each piece, shape (P,).
-        terminated: Whether the task ended with a piece's last step, shape (P,).
-        actions: Shape (R, A).
-        inputs: Inputs of the action distribution when they were drawn, shape (R, I).
-        log_probabilities: Of the actions, shape (R,).
-        rewards: Shape (R,).
-        weights: Mean number of the weights that flew it; None: unknown.
-        steps: Control steps of each decision, where the rows are decisions, shape (R,); None: one each.
-        observations: Those of each step, shape (R, O).
-        advantages: Standardised, shape (R,); see `advise`.
-        targets: What the value function is to learn, shape (R,); see `advise`.
+        all_observations: Observations of each step, and the one after the last step of each piece, shape (R + P, O).
+        lengths: Number of steps of each piece, shape (P,).
+        terminated: Whether the task ended with the last step of each piece, shape (P,).
+        actions: Actions, shape (R, A).
+        inputs: Inputs of the action distribution with which the actions were sampled, shape (R, I).
+        log_probabilities: Log probabilities of the actions, shape (R,).
+        rewards: Rewards, shape (R,).
+        weights: Mean sequence number of the weights with which the actions were sampled; None if unknown.
+        steps: Number of control steps of each decision, shape (R,); None if each row is one step.
+        observations: Observations of each step, shape (R, O).
+        advantages: Standardised advantages, shape (R,); see `advise`.
+        targets: Targets of the value function, shape (R,); see `advise`.
     """
 
     all_observations: AnyArray
@@ -62,13 +62,13 @@ class Batch:
     def advise(self, values: AnyArray, gamma: float, factor: float) -> None:
         """Compute advantages and value targets.
 
-        Advantages get mean 0 and standard deviation 1 over the steps that are learned from. RLlib counts the artificial
-        step behind each piece among them; that number depends on the order of the pieces and means nothing.
+        Advantages get mean 0 and standard deviation 1 over the steps of the batch. RLlib also includes the artificial
+        step after each piece, whose advantage depends on the order of the pieces and has no meaning.
 
         Args:
-            values: Of all observations, shape (R + P,).
-            gamma: Discount of a control step; a decision of k steps discounts what follows by gamma^k.
-            factor: Lambda of the advantage estimation, of a row.
+            values: Values of all observations, shape (R + P,).
+            gamma: Discount of a control step; a decision of k steps discounts later rewards by gamma^k.
+            factor: Lambda of the advantage estimation, applied once per row.
         """
         discounts = np.full(len(self), gamma) if self.steps is None else gamma ** self.steps.astype(np.float64)
         advantages_of(
@@ -84,7 +84,7 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
 
     Args:
         episodes: RLlib's episodes, of one agent or of several, as arrays.
-        wanted: Whether a policy learns.
+        wanted: Function that returns whether a policy learns.
     """
     parts: dict[str, list[EpisodePart]] = {}
     for episode in _single(episodes):
@@ -97,14 +97,14 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
 def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: tuple[int, str, int]) -> IntArray:
     """Return the rows of each minibatch, shape (M, B).
 
-    All have the same size B. The epochs follow one another without a seam, so that a minibatch may hold the end of one
-    and the beginning of the next; the last one is filled up.
+    All minibatches have the same size B. They are cut from the concatenated epochs, so that a minibatch may contain the
+    end of one epoch and the start of the next. The last minibatch is completed with rows of a further epoch.
 
     Args:
-        rows: Steps of the batch.
-        size: B; None or more than there are: the whole batch.
+        rows: Number of steps of the batch.
+        size: B; None, or a size larger than the batch, selects the whole batch.
         epochs: How often each step is used.
-        shuffled: Whether each epoch has an order of its own.
+        shuffled: Whether each epoch is shuffled separately.
         seed: Seed of the run, name of the policy, and number of the update.
     """
     size = min(size or rows, rows)

@@ -1,7 +1,7 @@
-"""PPO's arithmetic on arrays: advantages of pieces of episodes, and the loss's gradients at the nets' outputs.
+"""PPO's computations on arrays: advantages of pieces of episodes, and gradients of the loss at the nets' outputs.
 
-Autograd would record some thirty operations on a few hundred rows for each minibatch; these loops take the time of two
-of them. What they compute is RLlib's loss, term by term, and a test holds it against RLlib's.
+Autograd would record about thirty operations on a few hundred rows for each minibatch; these loops take as long as two
+of these operations. They compute RLlib's loss, term by term, and a test compares them with RLlib's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.random.action_draws import HALF_LOG_2PI
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Places of the sums that the loops return.
+#: Indices of the sums that the loops return.
 SURROGATE, ENTROPY, KL = 0, 1, 2
 CLIPPED, UNCLIPPED = 0, 1
 
@@ -30,21 +30,21 @@ def advantages_of(
     advantages: AnyArray,
     targets: AnyArray,
 ) -> None:
-    """Compute generalised advantages of P pieces of episodes that stand one behind the other, R steps in all.
+    """Compute generalised advantages of P concatenated pieces of episodes, with R steps in total.
 
     The advantage is A_t = delta_t + g_t lambda A_(t+1) with delta_t = r_t + g_t V_(t+1) - V_t within a piece, and the
     value target is A_t + V_t. The discount g_t is gamma for a step, and gamma^k for a decision of k control steps,
-    whose reward is r_t = sum gamma^i r_(t,i) over them: a semi-Markov decision process. Behind a termination V is zero;
-    behind a truncation, or where a batch cuts an episode that goes on, it is the net's. Sources: Schulman et al.,
-    High-Dimensional Continuous Control Using Generalized Advantage Estimation, 2016, equation 16; Sutton, Precup and
-    Singh, Between MDPs and semi-MDPs, Artificial Intelligence 112, 1999, section 3.2.
+    whose reward is r_t = sum gamma^i r_(t,i) over them: a semi-Markov decision process. After a termination V is zero;
+    after a truncation, or where a batch cuts an episode that continues, it is the value of the net. Sources: Schulman
+    et al., High-Dimensional Continuous Control Using Generalized Advantage Estimation, 2016, equation 16; Sutton,
+    Precup and Singh, Between MDPs and semi-MDPs, Artificial Intelligence 112, 1999, section 3.2.
 
     Args:
-        lengths: Steps of each piece, shape (P,).
-        terminated: Whether the task ended with its last step, shape (P,).
+        lengths: Number of steps of each piece, shape (P,).
+        terminated: Whether the task ended with the last step of each piece, shape (P,).
         rewards: Rewards, shape (R,).
-        values: The net's values at the beginning of each step and behind the last step of each piece, shape (R + P,).
-        discounts: Discount of what follows each step or decision, shape (R,).
+        values: The net's values at the start of each step and after the last step of each piece, shape (R + P,).
+        discounts: Discount of the values after each step or decision, shape (R,).
         factor: Lambda.
         advantages: Receives the advantages, shape (R,).
         targets: Receives the value targets, shape (R,).
@@ -52,7 +52,7 @@ def advantages_of(
     step = 0
     for piece in range(len(lengths)):
         length = lengths[piece]
-        value = step + piece  # each piece before has one value more than steps
+        value = step + piece  # each earlier piece has one more value than steps
         after = 0.0 if terminated[piece] else float(values[value + length])
         advantage = 0.0
         for t in range(length - 1, -1, -1):
@@ -93,15 +93,15 @@ def policy_gradient(
     Schulman et al., Proximal Policy Optimization Algorithms, 2017, equations 7 and 8.
 
     Args:
-        rows: The minibatch: indices of the batch's R rows, shape (B,).
-        inputs: Mean and logarithm of the standard deviation of the minibatch, shape (B, 2 A).
-        actions: Of the batch, shape (R, A).
-        old_inputs: Those with which the actions were drawn, shape (R, 2 A).
-        old_log_probability: Logarithms of the actions' densities when they were drawn, shape (R,).
-        advantages: Of the batch, shape (R,).
+        rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
+        inputs: Means and logarithms of the standard deviations for the minibatch, shape (B, 2 A).
+        actions: Actions of the batch, shape (R, A).
+        old_inputs: Means and logarithms with which the actions were sampled, shape (R, 2 A).
+        old_log_probability: Logarithms of the actions' densities when they were sampled, shape (R,).
+        advantages: Advantages of the batch, shape (R,).
         clip: c.
         entropy_coefficient: e.
-        kl_coefficient: k; zero where the loss has no such term.
+        kl_coefficient: k; zero if the loss has no such term.
         gradient: Receives the gradient, shape (B, 2 A).
         sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
     """
@@ -153,16 +153,16 @@ def choice_gradient(
     The loss is that of `policy_gradient`.
 
     Args:
-        rows: The minibatch: indices of the batch's R rows, shape (B,).
-        inputs: Logits of the minibatch, those of an element behind those of the one before, shape (B, K_1 + ... + K_A).
+        rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
+        inputs: Logits for the minibatch, concatenated over the elements of the action, shape (B, K_1 + ... + K_A).
         sizes: K_1 to K_A, the number of values of each element, shape (A,).
-        actions: Indices of the batch, shape (R, A).
-        old_inputs: Logits with which the actions were drawn, shape (R, K_1 + ... + K_A).
-        old_log_probability: Logarithms of the actions' probabilities when they were drawn, shape (R,).
-        advantages: Of the batch, shape (R,).
-        clip: As in `policy_gradient`.
-        entropy_coefficient: As in `policy_gradient`.
-        kl_coefficient: As in `policy_gradient`.
+        actions: Actions of the batch as indices of values, shape (R, A).
+        old_inputs: Logits with which the actions were sampled, shape (R, K_1 + ... + K_A).
+        old_log_probability: Logarithms of the actions' probabilities when they were sampled, shape (R,).
+        advantages: Advantages of the batch, shape (R,).
+        clip: See `policy_gradient`.
+        entropy_coefficient: See `policy_gradient`.
+        kl_coefficient: See `policy_gradient`.
         gradient: Receives the gradient, shape (B, K_1 + ... + K_A).
         sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
     """
@@ -202,7 +202,7 @@ def choice_gradient(
 
 @njit(nogil=True)
 def log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
-    """Write the logarithms of the probabilities of some logits."""
+    """Write the logarithms of the probabilities of `size` logits, from index `first` on, into `logs`."""
     largest = float(logits[first])
     for k in range(first + 1, first + size):
         largest = max(largest, float(logits[k]))
@@ -226,10 +226,10 @@ def value_gradient(
     """Compute the gradient of the value function's loss, the mean of c min((V - target)^2, clip), with respect to V.
 
     Args:
-        rows: The minibatch: indices of the batch's R rows, shape (B,).
-        values: V of the minibatch, shape (B,).
-        targets: Of the batch, shape (R,).
-        clip: Largest squared error that still pulls.
+        rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
+        values: V for the minibatch, shape (B,).
+        targets: Value targets of the batch, shape (R,).
+        clip: Largest squared error with a gradient.
         coefficient: c.
         gradient: Receives the gradient, shape (B,).
         sums: Receives the sums of the clipped and the unclipped squared errors, shape (2,).

@@ -1,9 +1,9 @@
 """`FastPPOLearner`: RLlib's PPO learner with its data and its loss as arrays.
 
-RLlib's own learner builds each batch from the episodes step by step, cuts minibatches as dictionaries and logs each of
-them; with small nets that takes more time than the nets. Here the same losses come from arrays, and the nets of policy
-and value function, which share nothing, learn side by side. Modules, optimisers, schedules, coefficients and
-checkpoints are RLlib's.
+RLlib's own learner builds each batch from the episodes step by step, uses dictionaries as minibatches and logs each of
+them; for small nets this takes longer than the nets. This learner computes the same losses from arrays, and the nets of
+the policy and the value function, if they share no parameters, learn in parallel. Modules, optimisers, schedules,
+coefficients and checkpoints are RLlib's.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from safe_inspect.experiments.sampling.callbacks import set_threads
 from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.types import AnyArray, IntArray
 
-#: Name in `learner_config_dict` of the number of nets that learn side by side.
+#: Key in `learner_config_dict` of the number of nets that learn in parallel.
 THREADS = "threads"
 
 _LOGGER = logging.getLogger(__name__)
@@ -45,10 +45,10 @@ _ROWS_AT_ONCE = 1024
 
 
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
-    """RLlib's PPO learner on arrays; what it does not serve it leaves to the class from which it is derived.
+    """RLlib's PPO learner on arrays; if it does not support a training, the base class learns instead.
 
     Attributes:
-        why_autograd: Of each policy that has learned, why autograd computes its gradients; see `Net`.
+        why_autograd: For each policy that has learned, why autograd computes its gradients; see `Net`.
     """
 
     config: Any
@@ -56,10 +56,10 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
     _told = False
 
     def build(self) -> None:
-        """Build modules and optimisers, as RLlib does."""
+        """Build the modules and the optimisers, as RLlib does."""
         super().build()
         self.why_autograd: dict[str, str] = {}
-        if self.config.num_learners:  # in a process of its own
+        if self.config.num_learners:  # the learner runs in a separate process
             set_threads(self.config.env_config)
         self._stock = capabilities(self.config).learning
 
@@ -77,17 +77,17 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             if batches and not reason:
                 return self._learn(batches, sum(map(len, episodes)), **keywords)
         if reason and not self._told:
-            warnings.warn(f"RLlib's stock learner learns, as {reason}", stacklevel=2)
+            warnings.warn(f"RLlib's stock learner learns, because {reason}", stacklevel=2)
             self._told = True
         return super().update(*arguments, **keywords)
 
     def _why_not_learned(self, name: str) -> str:
-        """Return why a policy needs RLlib's learner; empty where it does not."""
+        """Return why a policy needs RLlib's learner; empty if it does not need it."""
         config = self.config.get_config_for_module(name)
         optimisers = [optimiser for _, optimiser in self.get_optimizers_for_module(name)]
         plain = [type(each) for each in optimisers] == [torch.optim.Adam] and len(optimisers[0].param_groups) == 1
         reason = capabilities(config, self.module[name].unwrapped()).learning
-        reason = reason or ("" if plain else "the policy has another optimiser than Adam")
+        reason = reason or ("" if plain else "the policy's optimiser is not Adam")
         return f"{reason} ({name})" if reason else ""
 
     def _learn(
@@ -129,7 +129,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             ways = {len(part): net.make_pass(len(part)) for part in (parts[0], parts[-1])}
             for part in parts:
                 _, values = ways[len(part)].forward(part)
-                assert values is not None, "the last net gives them"
+                assert values is not None, "the last net computes the values"
                 found.append(values.cpu().numpy().copy())
         return np.concatenate(found)
 
@@ -157,10 +157,10 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         ]
 
     def _log_path(self, name: str, reason: str) -> None:
-        """Log once for each policy how its gradients are computed."""
+        """Log how the gradients of a policy are computed, once for each policy."""
         if self.why_autograd.get(name) != reason:
             self.why_autograd[name] = reason
-            how = f"Torch's autograd, as {reason}" if reason else "the gradients of its layers in closed form"
+            how = f"Torch's autograd, because {reason}" if reason else "the gradients of its layers in closed form"
             _LOGGER.log(logging.WARNING if reason else logging.INFO, "%s learns by %s", name, how)
 
     def _run(self, trainings: list[NetTraining]) -> None:
@@ -169,7 +169,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             for training in trainings:
                 training.run()
             return
-        # Each thread has a number of its own, which else is that of the processors.
+        # Each thread has its own setting of Torch's number of threads, which by default is that of the processors.
         own = torch.set_num_threads, (torch.get_num_threads(),)
         with ThreadPoolExecutor(threads, "learner", *own) as pool:
             for _ in pool.map(NetTraining.run, trainings):

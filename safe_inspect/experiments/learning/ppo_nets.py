@@ -1,4 +1,4 @@
-"""What of a policy's module learns: its nets as functions of a minibatch, with the optimiser of their parameters."""
+"""The nets of a policy's module as functions of a minibatch, with the optimiser of their parameters."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 
 @dataclass(frozen=True)
 class Net:
-    """A part of a module that shares no parameter with the others, and so learns by itself.
+    """A part of a module that shares no parameters with other parts, and so can learn separately.
 
     Attributes:
-        make_pass: Function of the number of rows of a minibatch to a pass through the net.
+        make_pass: Function from the number of rows of a minibatch to a pass through the net.
         parameters: Its parameters that learn.
-        why_autograd: Why Torch's autograd computes its gradients; empty where `TanhNet` does, which takes less time.
+        why_autograd: Why Torch's autograd computes its gradients; empty if `TanhNet` does, which takes less time.
     """
 
     make_pass: Callable[[int], Pass]
@@ -31,18 +31,18 @@ class Net:
 
 
 class Optimiser(Protocol):
-    """What takes a step from the gradients of a net's parameters."""
+    """Optimiser of the parameters of a net."""
 
     def step(self, gradients: Sequence[torch.Tensor]) -> None:
-        """Take a step."""
+        """Take a step, given the gradients of the parameters."""
 
 
 def nets_of(module: Any, together: bool = False) -> list[Net]:
-    """Return a module's nets: policy and value function where they are separate, else one that gives both.
+    """Return a module's nets: policy and value function if they are separate, otherwise one net that computes both.
 
     Args:
         module: RLlib's module of the policy.
-        together: One net is wanted in any case.
+        together: Whether to return one net in any case.
     """
     whole = _whole(module)
     if together:
@@ -101,7 +101,9 @@ class _TorchAdam:
         self._adam = torch.optim.Adam(parameters, **{name: group[name] for name in names}, fused=True)
         for parameter in parameters:
             state = optimiser.state[parameter]
-            state["step"] = state["step"].to(parameter.device)  # a fused Adam counts where it computes
+            state["step"] = state["step"].to(
+                parameter.device
+            )  # a fused Adam needs its step counts on the device of the parameters
             self._adam.state[parameter] = state
 
     def step(self, gradients: Sequence[torch.Tensor]) -> None:
@@ -112,9 +114,9 @@ class _TorchAdam:
 
 
 def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> Optimiser:
-    """Return an optimiser of some of the parameters of another, whose settings and state it shares.
+    """Return an optimiser for some of the parameters of another one, whose settings and state it shares.
 
-    RLlib has one for all parameters of a module, and it is that one which checkpoints hold.
+    RLlib has one optimiser for all parameters of a module, and checkpoints contain the state of that optimiser.
     """
     for parameter in parameters:
         state = optimiser.state[parameter]

@@ -1,4 +1,4 @@
-"""`NetTraining`: all minibatches of one net, from the batch's arrays."""
+"""`NetTraining`: training of one net with all minibatches of a batch."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from safe_inspect.random.action_draws import Categorical
 from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray, IntArray
 
-#: A part's share of the whole loss.
+#: Name of a net's part of the total loss.
 TOTAL = "total_loss"
 
 
@@ -44,9 +44,9 @@ class Terms:
         clip: `clip_param`.
         value_clip: `vf_clip_param`.
         value: `vf_loss_coeff`.
-        entropy: The present `entropy_coeff`.
-        divergence: The present coefficient of the divergence; 0 without `use_kl_loss`.
-        measured: Whether the divergence is reported: `use_kl_loss`.
+        entropy: Current value of `entropy_coeff`.
+        divergence: Current coefficient of the divergence; 0 without `use_kl_loss`.
+        measured: Whether the divergence is reported, `use_kl_loss`.
     """
 
     clip: float
@@ -58,22 +58,22 @@ class Terms:
 
 
 class NetTraining:
-    """Trains one net with the minibatches of a batch; several of them may run side by side.
+    """Training of one net with the minibatches of a batch; several trainings may run in parallel.
 
-    The net computes where its parameters are; the loss, a few numbers for each row, is computed on the processor.
+    The net runs on the device of its parameters; the loss, a few numbers for each row, is computed on the CPU.
 
     Args:
         net: The net.
-        optimiser: Of its parameters.
+        optimiser: Optimiser of its parameters.
         batch: The batch, with advantages.
         order: The rows of each minibatch, shape (M, B).
         terms: The coefficients of the loss.
-        clip_gradients: Clips gradients in place and may return their norm; None: they stay as they are.
-        distribution: Of the actions.
+        clip_gradients: Function that clips gradients in place and may return their norm; None for no clipping.
+        distribution: Distribution of the actions.
 
     Attributes:
-        losses: After `run`, what the last minibatch gave, under RLlib's names.
-        norm: After `run`, the norm of the last gradients before they were clipped, where clipping gave it.
+        losses: After `run`, the losses of the last minibatch, by RLlib's names.
+        norm: After `run`, the norm of the last gradients before clipping, if `clip_gradients` has returned it.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class NetTraining:
         self.norm: Any = None
 
     def run(self) -> None:
-        """Take all steps."""
+        """Take an optimiser step for each minibatch."""
         parameters = self._net.parameters
         device = parameters[0].device
         observations = torch.from_numpy(self._batch.observations).to(device)
@@ -123,7 +123,7 @@ class NetTraining:
                 gradients = [found[parameter] for parameter in parameters]
             self._optimiser.step(gradients)
         for parameter, gradient in zip(parameters, gradients, strict=True):
-            parameter.grad = gradient  # where RLlib looks for them
+            parameter.grad = gradient  # RLlib reads the gradients from here
         self.losses = self._losses(inputs is not None, None if values is None else values.cpu().numpy())
 
     def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
@@ -167,7 +167,7 @@ class NetTraining:
 
 
 def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
-    """Return the losses of the nets of one policy together."""
+    """Return the losses of one policy, summed over its nets."""
     found: dict[str, float] = {}
     for training in trainings:
         for name, value in training.losses.items():
@@ -176,7 +176,7 @@ def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
 
 
 def _work_for(distribution: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the kernel of the policy's loss for a distribution, and what it takes behind the inputs."""
+    """Return the kernel of the policy's loss for a distribution, and its additional arguments after the inputs."""
     if isinstance(distribution, Categorical):
         return choice_gradient, (distribution.sizes,)
     if isinstance(distribution, Hurdle):
@@ -185,7 +185,7 @@ def _work_for(distribution: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _explained(targets: AnyArray, values: AnyArray) -> float:
-    """Return the share of the targets' variance that the values explain, -1 at least."""
+    """Return the fraction of the targets' variance that the values explain, at least -1."""
     variance = float(np.var(targets, dtype=np.float64))
     rest = float(np.var(np.subtract(targets, values, dtype=np.float64)))
     return max(-1.0, 1.0 - rest / variance) if variance > 0.0 else -1.0

@@ -1,4 +1,4 @@
-"""Objects of RLlib that an experiment names: its connectors and an RLModule. Importing this module loads Ray."""
+"""RLlib objects that an experiment names: connectors, an RLModule and a replay buffer. Importing this loads Ray."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 class ConnectorsOf:
-    """RLlib's function from the environment, or from the spaces, to connectors.
+    """Function that creates connectors, for RLlib, which passes the environment or the spaces.
 
     Args:
-        entries: `{functor: ..., config: ...}` of each.
-        where: The key, for messages.
+        entries: The entry `{functor: ..., config: ...}` of each connector.
+        where: Path of the key, for messages.
     """
 
     def __init__(self, entries: Sequence[Mapping[str, Any]], where: str) -> None:
@@ -34,17 +34,17 @@ class ConnectorsOf:
         """Return the connectors, in their order.
 
         Raises:
-            ConfigError: There is no such class, it refuses its `config`, or it is no connector.
+            ConfigError: There is no such class, it rejects its `config`, or it is not a connector.
         """
         made = [built(entry, self._where) for entry in self._entries]
         for entry, connector in zip(self._entries, made, strict=True):
             if not isinstance(connector, ConnectorV2):
-                raise mistake(f"{entry['functor']!r} is no ConnectorV2 of RLlib", self._where)
+                raise mistake(f"{entry['functor']!r} is not a ConnectorV2 of RLlib", self._where)
         return made
 
 
 def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
-    """Give RLlib the connectors that an experiment names.
+    """Set the connectors that an experiment names in RLlib's configuration.
 
     Raises:
         ConfigError: See `ConnectorsOf`.
@@ -57,38 +57,38 @@ def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None
     for key, receive in receivers.items():
         if settings.get(key):
             connectors = ConnectorsOf(settings[key], f"rllib_configs.{key}")
-            connectors()  # a mistake is found now, not in RLlib's processes
+            connectors()  # raises errors here and not in RLlib's processes
             receive(**{key: connectors})
 
 
 def own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSpec:
-    """Return how RLlib builds a policy of the user's own class.
+    """Return RLlib's specification of a policy of the user's own class.
 
     Args:
-        entry: `{functor: ..., config: ...}`; the class finds the `config` in its `model_config`.
+        entry: `{functor: ..., config: ...}`; the class receives the `config` in its `model_config`.
         model: The other keys of `model_config`.
 
     Raises:
-        ConfigError: There is no such class, or it is no `RLModule`.
+        ConfigError: There is no such class, or it is not an `RLModule`.
     """
     where = "rllib_configs.rl_module"
     kind = named(entry["functor"], where)
     if not isinstance(kind, type) or not issubclass(kind, RLModule):
-        raise mistake(f"{entry['functor']!r} is no RLModule of RLlib", where)
+        raise mistake(f"{entry['functor']!r} is not an RLModule of RLlib", where)
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
     return RLModuleSpec(module_class=kind, model_config={**dataclasses.asdict(known), **model, **entry["config"]})
 
 
 def set_replay_buffer(config: AlgorithmConfig, buffer: Mapping[str, Any], *, several: bool) -> None:
-    """Give SAC or DQN its replay buffer, of which there is another kind for several policies.
+    """Set the replay buffer of SAC or DQN, whose class is a different one for several policies.
 
     Args:
         config: RLlib's configuration.
-        buffer: The settings of the buffer, RLlib's own among them.
+        buffer: The settings of the buffer, including RLlib's defaults.
         several: Whether several policies learn.
 
     Raises:
-        ConfigError: There is no such buffer.
+        ConfigError: RLlib has no such buffer.
     """
     known = [name for name in replay_buffers.__all__ if name.endswith("EpisodeReplayBuffer")]
     kind = str(buffer["type"])

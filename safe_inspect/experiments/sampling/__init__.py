@@ -1,1 +1,1 @@
-"""Environment runners that step a whole batch, and what they report."""
+"""Environment runners that step a whole batch, and their reports."""

@@ -1,4 +1,4 @@
-"""RLlib callbacks of a training run: place the environments, log each episode, load a checkpoint."""
+"""RLlib callbacks of a training run, which assign slots to environments, log episodes and load a checkpoint."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.training_env import TrainingEnv
 
-#: Values of an episode that RLlib logs by itself, under other names.
+#: Values of an episode that are logged under RLlib's names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
 
 
 class RunCallbacks(RLlibCallback):
-    """What a run does at RLlib's hooks."""
+    """The callbacks of every training run."""
 
     _compiled = 0.0
 
     def on_algorithm_init(self, *, algorithm: Any, metrics_logger: Any = None, **kwargs: Any) -> None:
-        """Set Torch's threads, and continue from a checkpoint when the run says so."""
+        """Set the number of Torch's threads, and load the checkpoint of a resumed run."""
         self._compiled = compiling_seconds()
         set_threads(algorithm.config.env_config)
         checkpoint = algorithm.config.env_config.get("continue_from")
-        # A finished checkpoint carries this key too, and is loaded where its own start may be long gone.
+        # Checkpoints of a resumed run contain this key too, and may be loaded when that folder no longer exists.
         if checkpoint and Path(checkpoint["path"]).is_dir():
             algorithm.restore_from_path(checkpoint["path"])
             algorithm._iteration = checkpoint["iteration"]
@@ -36,13 +36,13 @@ class RunCallbacks(RLlibCallback):
     def on_train_result(
         self, *, algorithm: Any, metrics_logger: Any = None, result: dict[str, Any], **kwargs: Any
     ) -> None:
-        """Report for how long the iterations have waited for the compiler."""
+        """Report the time that the iterations have spent compiling [s]."""
         result[COMPILING] = compiling_seconds() - self._compiled
 
     def on_environment_created(
         self, *, env_runner: Any, metrics_logger: Any = None, env: Any, env_context: Any, **kwargs: Any
     ) -> None:
-        """Give the environments of a stock runner their slots; the batched runner builds its own in place."""
+        """Assign slots to the environments of a stock runner; the batched runner assigns slots when it builds them."""
         set_threads(env_context)
         index, evaluation = env_runner.worker_index or 0, bool(env_runner.config.in_evaluation)
         if isinstance(env, TrainingEnv):
@@ -60,7 +60,7 @@ class RunCallbacks(RLlibCallback):
         env_index: int = 0,
         **kwargs: Any,
     ) -> None:
-        """Log what a stock runner's environment says about the episode that ends."""
+        """Log the report of an episode that has ended in an environment of a stock runner."""
         one = isinstance(env, TrainingEnv)
         report = env.report(env_index) if one else env.envs[env_index].unwrapped.report()
         if report is not None and metrics_logger is not None:
@@ -68,12 +68,12 @@ class RunCallbacks(RLlibCallback):
 
 
 def log_reports(logger: Any, config: Any, reports: list[EpisodeReport]) -> None:
-    """Log the means of what some episodes came to.
+    """Log the means of the values of episodes that have ended.
 
     Args:
         logger: RLlib's `MetricsLogger`.
         config: RLlib's configuration.
-        reports: The episodes, in the order of their ends.
+        reports: The reports of the episodes, in the order in which they ended.
     """
     window = window_of(config)
     for name in reports[-1]:
@@ -83,7 +83,7 @@ def log_reports(logger: Any, config: Any, reports: list[EpisodeReport]) -> None:
 
 
 def window_of(config: Any) -> int:
-    """Return over how many episodes a runner's means go: it keeps its part of the window, as RLlib's own do."""
+    """Return the number of episodes in the means of one runner: its part of the window, as in RLlib's own runners."""
     return int(max(1, math.ceil(config.metrics_num_episodes_for_smoothing / (config.num_env_runners or 1))))
 
 

@@ -1,4 +1,4 @@
-"""`DecisionRollout`: what was sampled of agents whose decisions last, each agent's one behind the other."""
+"""`DecisionRollout`: sampled decisions that last several steps, stored one after the other for each agent."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _ROOM = 32
 
 
 class DecisionTrack(Track):
-    """A `Track` whose third axis counts the decisions of each agent, not the steps of time.
+    """A `Track` whose third axis is the index of each agent's decisions instead of time steps.
 
-    Behind the last decision of an episode stands a place that holds its last observation alone, so that the
-    observations of a piece are contiguous.
+    After the last decision of an episode there is an entry with only the last observation, so that the observations of
+    a piece are contiguous.
 
     Attributes:
-        steps: Control steps of each decision, shape (G, N, T).
-        counts: Index of the decision that each agent has begun or begins next, shape (G, N).
+        steps: Number of control steps of each decision, shape (G, N, T).
+        counts: Index of the decision that each agent has started or starts next, shape (G, N).
         starts: Index of each agent's first decision in the current piece, shape (G, N).
     """
 
@@ -33,7 +33,7 @@ class DecisionTrack(Track):
         self.starts: IntArray = np.zeros_like(self.counts)
 
     def reserve(self) -> None:
-        """Make room for the next decision of every agent, and for two observations behind it."""
+        """Enlarge the arrays if necessary, for the next decision of every agent and two observations after it."""
         if self.counts.max() + 2 < self.rewards.shape[2]:
             return
         for name in ("observations", "actions", "inputs", "log_probabilities", "rewards", "steps"):
@@ -41,31 +41,32 @@ class DecisionTrack(Track):
             setattr(self, name, np.concatenate((array, np.empty_like(array)), axis=2))
 
     def pending(self) -> dict[str, AnyArray]:
-        """Return copies of the decision that each agent has begun, each of shape (G, N, ...)."""
+        """Return copies of the decision that each agent has started, each of shape (G, N, ...)."""
         where = (*np.indices(self.counts.shape, sparse=True), self.counts)
         return {name: getattr(self, name)[where] for name in ("observations", "actions", "inputs", "log_probabilities")}
 
     def resume(self, pending: dict[str, AnyArray]) -> None:
-        """Go on with the decisions of an earlier track."""
+        """Continue the pending decisions of an earlier track."""
         for name, array in pending.items():
             getattr(self, name)[:, :, 0] = array
 
 
 class DecisionRollout:
-    """What the decisions of agents in N environments gave; `Rollout` is the like for actions of one step.
+    """Samples of decisions that last several steps in N environments; `Rollout` is for actions of one step.
 
-    Decisions that have not elapsed when it is closed belong to the next one: `pending` holds them.
+    Decisions that have not elapsed when the rollout is closed belong to the next rollout; see `DecisionTrack.pending`.
 
     Args:
         sizes: For each group the numbers of agents, of elements of observation and action, and of inputs of the action
             distribution.
-        begun: Control steps of the running episodes before, shape (N,).
-        wanted: How many whole episodes of each environment to keep, shape (N,); None: keep everything.
+        begun: Number of earlier control steps of the running episodes, shape (N,).
+        wanted: Number of whole episodes of each environment to keep, shape (N,); None keeps everything.
 
     Attributes:
-        tracks: The arrays, for each group.
-        pieces: The stretches, for each environment in the order of time; their `start` and `stop` count control steps.
-        random: Whether actions were drawn without a policy.
+        tracks: The arrays of each group.
+        pieces: The parts of episodes, in the order of time for each environment; their `start` and `stop` count control
+            steps.
+        random: Whether actions were sampled without a policy.
     """
 
     def __init__(
@@ -84,17 +85,23 @@ class DecisionRollout:
 
     @property
     def missing(self) -> bool:
-        """Whether episodes that are wanted have not ended."""
+        """Whether some of the required episodes have not ended."""
         return self._wanted is not None and bool(self._wanted.any())
 
     def end(self, first: int, terminated: BoolArray, truncated: BoolArray) -> None:
-        """Note which agents of a group, the first of which is `first`, ended in a step; both masks are (G, N)."""
+        """Record which agents of a group ended in a step.
+
+        Args:
+            first: Index of the first agent of the group.
+            terminated: Mask, shape (G, N).
+            truncated: Mask, shape (G, N).
+        """
         mine = slice(first, first + len(terminated))
         self._terminated[mine] |= terminated
         self._truncated[mine] |= truncated
 
     def finish(self, env: int, stop: int, episode: int) -> bool:
-        """Cut at the end of an episode; return whether it is kept."""
+        """Close the piece at the end of an episode; return whether it is kept."""
         kept = True
         if self._wanted is not None:
             kept = bool(self._wanted[env] > 0)
@@ -102,14 +109,14 @@ class DecisionRollout:
         if kept:
             self._cut(env, stop, episode)
         for track in self.tracks:
-            track.counts[:, env] += 1  # behind the place of the last observation
+            track.counts[:, env] += 1  # skips the entry with the last observation
             track.starts[:, env] = track.counts[:, env]
         self._start[env], self._begun[env] = stop, 0
         self._terminated[:, env] = self._truncated[:, env] = False
         return kept
 
     def close(self, stop: int) -> None:
-        """Cut what goes on."""
+        """Close the pieces of the episodes that continue."""
         for env in np.flatnonzero(self._start < stop).tolist():
             self._cut(env, stop, -1)
 

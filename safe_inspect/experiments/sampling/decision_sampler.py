@@ -1,4 +1,4 @@
-"""`DecisionSampler`: a `Sampler` for agents whose decisions last; it asks a policy only where one has elapsed."""
+"""`DecisionSampler`: a `Sampler` for decisions that last several steps; it calls a policy only for new decisions."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 
 class DecisionSampler(Sampler):
-    """Steps the environments, all of them at every control step, and keeps decisions: a semi-Markov process.
+    """Sampler that steps all environments at every control step and stores decisions: a semi-Markov process.
 
-    The reward of a decision of k control steps is sum gamma^i r_i over them. Each agent decides at its own time. A
-    decision that goes on when a call ends is kept by the next call, when it has elapsed.
+    The reward of a decision of k control steps is sum gamma^i r_i over them. The agents decide at different times. A
+    decision that has not elapsed when a call ends is stored by the next call, once it has elapsed.
 
     Args:
-        environment: As of `Sampler`.
-        slots: As of `Sampler`.
-        nets: As of `Sampler`.
+        environment: See `Sampler`.
+        slots: See `Sampler`.
+        nets: See `Sampler`.
         gamma: Discount of a control step.
-        seed: As of `Sampler`.
-        first_slot: As of `Sampler`.
+        seed: See `Sampler`.
+        first_slot: See `Sampler`.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class DecisionSampler(Sampler):
         self._pending: list[dict[str, AnyArray]] = []
 
     def reset(self) -> None:
-        """Begin a new episode in every environment."""
+        """Start a new episode in every environment."""
         super().reset()
         self._pending = []
         self._decisions[:] = 0
@@ -72,7 +72,7 @@ class DecisionSampler(Sampler):
         return rollout
 
     def roll_episodes(self, count: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Any:
-        """Fly whole episodes; see `Sampler.roll_episodes`."""
+        """Sample whole episodes; see `Sampler.roll_episodes`."""
         self.reset()
         envs = self.environment.num_envs
         rollout = DecisionRollout(self._sizes, self._step.copy(), count // envs + (np.arange(envs) < count % envs))
@@ -119,7 +119,7 @@ class DecisionSampler(Sampler):
             self._begin_again(rollout, time, transition)
 
     def _starting(self) -> list[BoolArray]:
-        """Return for each group the agents that decide now, shape (G, N)."""
+        """Return for each group a mask of the agents that decide now, shape (G, N)."""
         found, first = [], 0
         for due in self.environment.due():
             found.append(due.T & self._flying[first : first + due.shape[1]])
@@ -127,7 +127,7 @@ class DecisionSampler(Sampler):
         return found
 
     def _keep(self, track: DecisionTrack, mine: slice, closes: BoolArray) -> None:
-        """Keep the decisions that end with this step, of the agents of a group, shape (G, N)."""
+        """Store the decisions of a group that end with this step, given as a mask of shape (G, N)."""
         _write(track.rewards, closes, track.counts, self._rewards[mine])
         _write(track.steps, closes, track.counts, self._elapsed[mine])
         track.counts += closes
@@ -162,7 +162,7 @@ class DecisionSampler(Sampler):
                 self._actions[slot.group][rows, member] = action
 
     def _net_for(self, policy: str, rows: int) -> PolicyNet:
-        """Return a policy's net for at least a number of rows: a power of two of them."""
+        """Return a policy's net for at least `rows` rows; its size is the next power of two."""
         size = LEAST_ROWS
         while size < rows:
             size *= 2

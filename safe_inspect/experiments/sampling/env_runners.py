@@ -1,8 +1,8 @@
-"""Batched environment runners for RLlib: all environments step as one batch, and so do their policies.
+"""Batched environment runners for RLlib, in which all environments and their policies are evaluated as one batch.
 
-RLlib's own runners (here: stock) keep a Python object for each environment and pass every step through connectors.
-These keep arrays, and make RLlib's episodes of them when they are asked for a sample. What they cannot do they leave to
-the runner from which they are derived: see `safe_inspect.experiments.sampling.capabilities`.
+RLlib's own ("stock") runners have a Python object for each environment and pass every step through connectors. These
+runners use arrays, and create RLlib's episodes from them when a sample is requested. If they do not support a training,
+the stock runner from which they are derived samples instead: see `safe_inspect.experiments.sampling.capabilities`.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ TASK = "task"
 
 
 class TeamSpaces:
-    """Stands where RLlib expects an environment: it knows the spaces, and holds the batch.
+    """Replacement for the environment that RLlib expects; it has the spaces and the batch of environments.
 
     Args:
         team: The environments.
-        slots: Its agents that act from outside.
-        several: Whether RLlib sees several agents.
+        slots: Its controlled agents.
+        several: Whether RLlib handles several agents.
     """
 
     def __init__(self, team: TeamEnvironment, slots: tuple[AgentSlot, ...], several: bool) -> None:
@@ -61,15 +61,15 @@ class TeamSpaces:
 
     @property
     def unwrapped(self) -> TeamSpaces:
-        """The same: nothing is wrapped."""
+        """The object itself, as nothing is wrapped."""
         return self
 
     def close(self) -> None:
-        """Nothing is to be closed."""
+        """Do nothing, as there are no resources to close."""
 
 
 class _Batched:
-    """What both runners do alike; the class behind it is RLlib's own runner."""
+    """Common part of both runners; the next class in the method resolution order is RLlib's own runner."""
 
     several: bool
     config: Any
@@ -86,7 +86,7 @@ class _Batched:
         """Build the environments in the slots of this runner."""
         self._stock = self._stock or capabilities(self.config).sampling
         if self._stock:
-            warnings.warn(f"the stock runner samples, as {self._stock}", stacklevel=2)
+            warnings.warn(f"RLlib's stock runner samples, because {self._stock}", stacklevel=2)
             super().make_env()  # type: ignore[misc]
             return
         config = self.config.env_config
@@ -114,7 +114,7 @@ class _Batched:
         )
 
     def make_module(self) -> None:
-        """Build the policies; those that the batch cannot serve go back to the stock runner."""
+        """Build the policies, and use the stock runner if the batched runner does not support them."""
         super().make_module()  # type: ignore[misc]
         if self.env is None or self._stock or self.module is None:
             return
@@ -185,7 +185,7 @@ class _Batched:
             self._log_env_steps(metric=self._metrics_num_env_steps_sampled, num_steps=steps)  # type: ignore[attr-defined]
 
     def get_state(self, components: Any = None, *, not_components: Any = None, **kwargs: Any) -> dict[str, Any]:
-        """Return the state for a checkpoint: RLlib's, and what of the task lives through resets."""
+        """Return the state for a checkpoint: RLlib's state, and the task's state that resets do not change."""
         state: dict[str, Any] = super().get_state(components, not_components=not_components, **kwargs)  # type: ignore[misc]
         wanted = self._check_component(TASK, components, not_components)  # type: ignore[attr-defined]
         if wanted and isinstance(self.env, TeamSpaces):
@@ -193,14 +193,14 @@ class _Batched:
         return state
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from a state; the evaluation does not take the training's prices."""
+        """Restore a state; the evaluation ignores the task's part, such as the training's price of fuel."""
         super().set_state(state)  # type: ignore[misc]
         if TASK in state and isinstance(self.env, TeamSpaces) and not self.config.in_evaluation:
             self.env.team.simulation.load_state_dict(state[TASK])
             self._needs_initial_reset = True
 
     def get_metrics(self) -> Any:
-        """Return what was logged since the last call."""
+        """Return the metrics that were logged since the last call."""
         if self._stock or self.env is None:
             return super().get_metrics()  # type: ignore[misc]
         if self._done:
@@ -225,7 +225,7 @@ class _Batched:
 
 
 class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
-    """Samples one agent in N environments."""
+    """Batched runner for one agent in N environments."""
 
     several = False
 
@@ -241,7 +241,7 @@ class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
 
 
 class BatchedTeamRunner(_Batched, MultiAgentEnvRunner):  # type: ignore[misc]
-    """Samples several agents in N environments."""
+    """Batched runner for several agents in N environments."""
 
     several = True
 

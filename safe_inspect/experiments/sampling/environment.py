@@ -1,7 +1,7 @@
-"""How RLlib's runners get their environments: makers, seeds and slots.
+"""Construction of the environments of RLlib's runners: makers, seeds and slots.
 
 A runner w has M environments in the global slots (w - 1) M to w M - 1. An episode is a function of the seed, its slot
-and its number within the slot, so it does not matter which runner flies it.
+and its number within the slot, so it does not matter which runner executes it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.settings.environments import DEFAULT_MAKER, experiment_in
 from safe_inspect.plugins.registry import import_user_module
 
-#: Builds the environments from the resolved configuration, the number, the seed and the first slot.
+#: Function that builds environments from the resolved configuration, their number, the seed and the first slot.
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
 
 
@@ -29,14 +29,15 @@ def _make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, f
 
 
 def require_steps(team: TeamEnvironment) -> None:
-    """Stop when decisions last several control steps, which RLlib's stock runner does not know.
+    """Check that decisions last one control step, as RLlib's stock runner requires.
 
     Raises:
-        SafeInspectError: They do.
+        SafeInspectError: Decisions last several control steps.
     """
     if team.decides:
         raise SafeInspectError(
-            "decisions that last (CoastGlue) are sampled by the batched runner; remove what asks for RLlib's stock one"
+            "decisions that last several steps (CoastGlue) need the batched runner; remove the keys that select "
+            "RLlib's stock runner"
         )
 
 
@@ -50,8 +51,8 @@ def _find_maker(path: str) -> EnvironmentMaker:
 def first_slot(worker_index: int, num_envs: int) -> int:
     """Return the global index of a runner's first environment slot.
 
-    Remote runners count from 1, and runner w has the slots (w - 1) M to w M - 1; a local runner, which
-    samples only where there is no remote one, has the first slots.
+    Remote runners count from 1, and runner w has the slots (w - 1) M to w M - 1. A local runner, which samples only if
+    there is no remote runner, has the first slots.
     """
     return max(worker_index - 1, 0) * num_envs
 
@@ -59,8 +60,8 @@ def first_slot(worker_index: int, num_envs: int) -> int:
 def stream_seed(seed: int, attempt: int = 0, evaluation: bool = False) -> int:
     """Return the seed of the environments, 0 to 2**64 - 1.
 
-    The first attempt trains with the seed of the run. Episodes of the evaluation and of a resumed
-    run, whose slots count their episodes from 0 again, come from other seeds.
+    The first attempt trains with the seed of the run. The episodes of the evaluation and of a resumed run, whose slots
+    count their episodes from 0 again, use other seeds.
     """
     number = 2 * attempt + int(evaluation)
     if number == 0:
@@ -84,7 +85,7 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
         config: RLlib's environment configuration, see `environment_settings`.
         num_envs: Number of environments.
         slot: Global index of the first environment slot.
-        evaluation: Whether they serve the evaluation.
+        evaluation: Whether they are used for the evaluation.
     """
     path = config.get("maker", DEFAULT_MAKER)
     maker = _find_maker(path) if path else _make_environment
@@ -94,9 +95,12 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
 
 
 class Reported:
-    """Leaves a user's error in a file, because RLlib's remote runners end without passing it on.
+    """Context that writes a user's error to a file, because RLlib's remote runners end without passing it on.
 
-    The states that caused it are saved in the folder of that file, unless the user names another.
+    The states that caused the error are saved in the folder of that file, unless the user names another folder.
+
+    Args:
+        config: RLlib's environment configuration, whose `failure_file` names the file.
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:

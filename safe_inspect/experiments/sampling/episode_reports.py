@@ -1,4 +1,4 @@
-"""`episode_reports`: what episodes that have ended came to, as the training logs it."""
+"""`episode_reports`: the values of ended episodes that a training logs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.types import AnyArray, IntArray
 
-#: Values of an episode by name; a path such as ``agents/blue0/delta_v`` stands for nested names.
+#: Values of an episode by name; a path such as ``agents/blue0/delta_v`` denotes nested names.
 EpisodeReport = dict[str, float]
 
 
@@ -22,10 +22,16 @@ def episode_reports(
     rows: Sequence[int] | IntArray,
     transition: TeamTransition,
 ) -> list[EpisodeReport]:
-    """Return what the episodes of some rows have come to; call it before these rows are reset.
+    """Return the reports of the episodes of some rows; must be called before these rows are reset.
 
-    ``return`` and ``reward/NAME`` are sums over the agents that act from outside, ``delta_v`` and
-    ``interventions`` means over the deputies; with several agents ``agents/NAME/...`` holds the same for each.
+    ``return`` and ``reward/NAME`` are sums over the controlled agents, ``delta_v`` and ``interventions`` are means over
+    the deputies. With several agents ``agents/NAME/...`` contains the same values for each agent.
+
+    Args:
+        environment: The environments.
+        sums: The accumulated values of their episodes.
+        rows: The rows whose episodes have ended.
+        transition: The last step.
     """
     rows = np.asarray(rows, dtype=np.int64)
     state, outcome = environment.state, transition.outcome[rows]
@@ -49,7 +55,7 @@ def episode_reports(
 
 
 def _of_agent(figures: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    """Return the figures of an agent by the names that the training logs."""
+    """Return the values of an agent by the names under which the training logs them."""
     columns: dict[str, AnyArray] = {}
     for name, value in figures.items():
         if name == "status":

@@ -1,4 +1,4 @@
-"""From a rollout's arrays to the episodes that RLlib's learner takes."""
+"""Conversion of a rollout's arrays to the episodes that RLlib's learner expects."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from safe_inspect.experiments.sampling.sampler import AgentSlot
 def single_agent_episodes(
     rollout: Rollout, slot: AgentSlot, spaces: Spaces, names: Sequence[str], weights: int
 ) -> list[SingleAgentEpisode]:
-    """Return the pieces of a rollout with one agent; those without a decision that has elapsed are left out.
+    """Return the pieces of a rollout with one agent as episodes, without pieces in which no decision has elapsed.
 
     Args:
-        rollout: What was sampled.
+        rollout: The samples.
         slot: The agent.
         spaces: Its spaces.
-        names: The identity of each piece's episode.
-        weights: Number of the weights that flew it.
+        names: Identifier of each piece's episode.
+        weights: Sequence number of the weights with which the actions were sampled.
     """
     return [
         RolloutEpisode(_part(rollout, slot, piece, span, weights), name, spaces, piece.begun, span.truncated)
@@ -41,14 +41,14 @@ def multi_agent_episodes(
     weights: int,
     mapping: Any,
 ) -> list[MultiAgentEpisode]:
-    """Return the pieces of a rollout with several agents; an agent that took no step is not part of a piece.
+    """Return the pieces of a rollout with several agents as episodes; agents without a step are not part of a piece.
 
     Args:
-        rollout: What was sampled.
-        slots: The agents whose steps are wanted.
+        rollout: The samples.
+        slots: The agents whose steps are returned.
         spaces: The spaces of each agent.
-        names: The identity of each piece's episode.
-        weights: Number of the weights that flew it.
+        names: Identifier of each piece's episode.
+        weights: Sequence number of the weights with which the actions were sampled.
         mapping: RLlib's function from agent to policy.
     """
     modules: dict[Any, str] = {slot.agent: slot.policy for slot in slots}
@@ -83,7 +83,7 @@ def _place(slot: AgentSlot, rollout: Rollout) -> int:
 def _part(rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: int) -> EpisodePart:
     track, member, env = rollout.tracks[slot.group], slot.member, piece.env
     start, stop = span.start, span.start + span.length
-    # Behind the end of an episode of steps stands the first observation of the next one.
+    # In the track of a `Rollout`, the last observation of an episode is overwritten by the first of the next episode.
     final = piece.finals[slot.group][member] if piece.finals and stop == piece.stop else None
     return EpisodePart(
         track.observations[member, env, start : stop + 1],

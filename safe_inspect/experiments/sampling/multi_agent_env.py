@@ -1,4 +1,4 @@
-"""`TeamMultiAgentEnv`: an environment with several agents as RLlib's `MultiAgentEnv`. A façade without a formula."""
+"""`TeamMultiAgentEnv`: an environment with several agents as RLlib's `MultiAgentEnv`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ AgentDict = dict[Any, Any]
 
 
 class TeamMultiAgentEnv(MultiAgentEnv):
-    """One environment; its agents that act from outside observe and act in every step until they end.
+    """One environment, whose controlled agents observe and act in every step until they end.
 
-    An agent that has ended appears no more until the next reset, while the others go on. Use it with RLlib like this:
+    An agent that has ended does not appear again until the next reset, while the other agents continue. Use it with
+    RLlib as follows:
 
     ```python
     tune.register_env("inspection", TeamMultiAgentEnv)
@@ -30,8 +31,8 @@ class TeamMultiAgentEnv(MultiAgentEnv):
     ```
 
     Args:
-        config: ``cfg``: the experiment's file, with ``overrides``, or ``experiment``: its resolved configuration;
-            ``seed``: the seed of the run (the experiment's own unless given).
+        config: ``cfg``: the experiment's file, with optional ``overrides``, or ``experiment``: its resolved
+            configuration; ``seed``: the seed of the run (default: that of the experiment).
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
@@ -51,13 +52,13 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         super().__init__()  # type: ignore[no-untyped-call]
 
     def place(self, worker_index: int, num_envs: int, index: int, evaluation: bool) -> None:
-        """Take a slot of a runner; call it before the first reset.
+        """Assign a slot of a runner to the environment; must be called before the first reset.
 
         Args:
             worker_index: Index of the runner.
-            num_envs: Number of its environments.
-            index: Which of them this is.
-            evaluation: Whether it serves the evaluation.
+            num_envs: Number of environments of the runner.
+            index: Index of this environment among them.
+            evaluation: Whether it is used for the evaluation.
         """
         where = (first_slot(worker_index, num_envs) + index, evaluation)
         if where != self._where:
@@ -73,10 +74,11 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         self._report: EpisodeReport | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[AgentDict, AgentDict]:
-        """Begin a new episode.
+        """Start a new episode.
 
         Args:
-            seed: Not used in a training, whose episodes are functions of the run's seed, the slot and the episode.
+            seed: Seed of the episodes, only if `config` has ``cfg``; not used in a training, whose episodes are
+                functions of the run's seed, the slot and the number of the episode.
             options: Not used.
         """
         self.agents = list(self.possible_agents)
@@ -88,7 +90,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):
     def step(  # type: ignore[override]  # Gymnasium's signature is that of one agent
         self, action_dict: Mapping[Any, AnyArray]
     ) -> tuple[AgentDict, AgentDict, AgentDict, AgentDict, AgentDict]:
-        """Take a step with the actions of the agents that have not ended; they are clipped to their bounds."""
+        """Take a step with the actions of the agents that have not ended; actions are clipped to their bounds."""
         actions = [np.zeros((1, group.size, group.action_layout.size)) for group in self.team.acting]
         for slot in self._agent_slots:
             if slot.agent in self.agents:
@@ -114,8 +116,8 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         self._report = episode_reports(self.team, self._sums, [0], transition)[0] if over else None
         cut = over and any(truncated.values())
         if cut:
-            # RLlib takes an episode for terminated, and bootstraps no value, once each agent is named as done. So those
-            # that are truncated with the whole episode are named under `__all__` alone.
+            # RLlib treats an episode as terminated, and does not bootstrap its value, once each agent is reported as
+            # done. So agents that are truncated with the whole episode are only included in `__all__`.
             truncated = {agent: False for agent in truncated if not truncated[agent]}
         terminated["__all__"], truncated["__all__"] = over and not cut, cut
         if not over:
@@ -123,7 +125,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):
         return observations, rewards, terminated, truncated, infos
 
     def report(self) -> EpisodeReport | None:
-        """Return what the episode came to, once it has ended."""
+        """Return the report of the episode; None until it has ended."""
         return self._report
 
     def _by_agent(self, observations: Any, agents: Sequence[Any]) -> AgentDict:
@@ -132,7 +134,7 @@ class TeamMultiAgentEnv(MultiAgentEnv):
 
 
 def _resolved(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the experiment's file where a user names one."""
+    """Return a configuration with the resolved experiment, which is read from ``cfg`` if necessary."""
     rest = dict(config)
     if "experiment" not in rest:
         from safe_inspect.config.experiment import load_experiment

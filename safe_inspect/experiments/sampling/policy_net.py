@@ -1,4 +1,4 @@
-"""RLlib's modules as plain functions of a batch of observations, for sampling."""
+"""`PolicyNet`: RLlib's modules as plain functions of a batch of observations, for sampling."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from safe_inspect.experiments.modules.plain_layers import SAMPLING, PlainLayers,
 from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
 from safe_inspect.types import AnyArray
 
-#: The results of the matrix products of fewer rows depend on their number, in the last bit.
+#: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.
 LEAST_ROWS = 16
 
-_VECTOR = 16  # float32 numbers, at most
+_VECTOR = 16  # largest number of float32 values in a vector register
 
 
 class PolicyNet:
-    """The inputs of a policy's action distribution, for the observations of one step.
+    """Function from the observations of one step to the inputs of a policy's action distribution.
 
-    The rows are padded to `LEAST_ROWS`, so that a row's result does not depend on how many stand beside it.
+    The rows are padded to `LEAST_ROWS`, so that the result of a row does not depend on the number of other rows.
 
     Args:
-        module: RLlib's module of the policy; its weights may change, in place.
+        module: RLlib's module of the policy; its weights may change in place.
         rows: Number of rows of a batch.
-        device: Where the module computes.
+        device: Device of the module.
     """
 
     def __init__(self, module: Any, rows: int, device: Any = "cpu") -> None:
@@ -42,15 +42,15 @@ class PolicyNet:
         #: The observations of the next call, float32, shape (rows, O).
         self.observations: AnyArray = batch.numpy()[:rows]
         self._plain = self._plain_layers()
-        #: The action distribution that takes the outputs; None where it is not known.
+        #: The action distribution of the module; None if it is not supported.
         self.distribution = distribution_of_module(module)
 
     def __call__(self, explore: bool, step: int) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (rows, I).
 
         Args:
-            explore: Whether the module is asked for actions that explore.
-            step: Steps that the whole training has sampled, for modules that anneal their exploration.
+            explore: Whether to call the module's forward pass for exploration instead of that for inference.
+            step: Number of steps that the whole training has sampled, for modules that anneal their exploration.
         """
         with torch.no_grad():
             batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
@@ -64,7 +64,7 @@ class PolicyNet:
         return found
 
     def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
-        """Return the policy's layers without RLlib's dictionaries; None where its class does not declare them."""
+        """Return the policy's layers as a function; None if the module's outputs are not those of plain layers."""
         found = policy_layers(self._module, SAMPLING)
         if found is None:
             return None
@@ -73,9 +73,9 @@ class PolicyNet:
 
 
 def _quick(found: PlainLayers, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
-    """Return the policy's net with the tanh that the learner has; None when there is another activation.
+    """Return the policy's net with the learner's tanh; None if it has another activation or unsuitable widths.
 
-    The widths must be whole vectors of the processor: then each number goes the same way, wherever its row stands.
+    The widths must be multiples of the processor's vectors, so that the result of a row does not depend on its index.
     """
     head: Any = found.head
     layers = linear_layers(found.body, head.net.mlp) if found.whole else None

@@ -1,4 +1,4 @@
-"""`Rollout`: what was sampled, as arrays laid out so that an episode's part of them is contiguous."""
+"""`Rollout`: samples in arrays, in which the data of an episode are contiguous."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class Track:
     """The arrays of one group of G agents over N environments and T steps.
 
     Attributes:
-        observations: At the beginning of each step and, at the last index, at the end of the last one, float32, shape
-            (G, N, T + 1, O).
-        actions: As the policy drew them, not clipped, float32, shape (G, N, T, A).
+        observations: Observations at the start of each step and, at the last index, at the end of the last step,
+            float32, shape (G, N, T + 1, O).
+        actions: Actions as sampled from the policy, not clipped, float32, shape (G, N, T, A).
         inputs: Inputs of the action distribution, float32, shape (G, N, T, I).
-        log_probabilities: Of the actions, float32, shape (G, N, T).
+        log_probabilities: Log probabilities of the actions, float32, shape (G, N, T).
         rewards: Rewards, float32, shape (G, N, T).
-        steps: Control steps of each decision, where the rows are decisions; see `DecisionTrack`.
+        steps: Number of control steps of each decision, only in a `DecisionTrack`; otherwise None.
     """
 
     steps: IntArray | None = None
@@ -45,10 +45,10 @@ class Span:
     """The part of one agent in a piece.
 
     Attributes:
-        start: Index in the track of its first step, or decision.
-        length: Steps that it took part in, from the beginning of the piece, or decisions.
-        terminated: Its episode ended with the last of them, in the task's own way.
-        truncated: Its episode ended with the last of them, by a limit of time.
+        start: Index in the track of its first step or decision.
+        length: Number of its steps or decisions, from the start of the piece.
+        terminated: Whether its episode ended with the last of them by the task's conditions.
+        truncated: Whether its episode ended with the last of them by a time limit.
     """
 
     start: int
@@ -59,17 +59,17 @@ class Span:
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of one environment's episode.
+    """A part of one environment's episode.
 
     Attributes:
         env: Index of the environment.
         start: Time index of its first step.
-        stop: Time index behind its last step.
-        begun: Steps of the episode before it.
-        episode: Index of the episode within the environment's slot; -1 while it goes on.
+        stop: Time index after its last step.
+        begun: Number of steps of the episode before this piece.
+        episode: Index of the episode within the environment's slot; -1 while it continues.
         spans: The part of each agent.
-        finals: For each group the last observations where the episode has ended and they do not stand in the track,
-            shape (G, O).
+        finals: For each group the last observations, shape (G, O), if the episode has ended and the track does not
+            contain them.
     """
 
     env: int
@@ -87,23 +87,23 @@ class Piece:
 
 
 class Rollout:
-    """What some steps of N environments gave.
+    """Samples of several steps of N environments.
 
     Args:
         sizes: For each group the numbers of agents, of elements of observation and action, and of inputs of the action
             distribution.
         envs: Number of environments, N.
         steps: Number of steps, T.
-        begun: Steps of the running episodes before, shape (N,).
-        flying: Agents that take part at the beginning, shape (K, N).
-        wanted: How many whole episodes of each environment to keep, shape (N,); None: keep everything.
+        begun: Number of earlier steps of the running episodes, shape (N,).
+        flying: Mask of the agents that have not ended at the start, shape (K, N).
+        wanted: Number of whole episodes of each environment to keep, shape (N,); None keeps everything.
 
     Attributes:
-        tracks: The arrays, for each group.
-        pieces: The stretches, for each environment in the order of time.
-        ended: Time index behind the step with which each agent ended in the current piece, -1 while it flies, shape
+        tracks: The arrays of each group.
+        pieces: The parts of episodes, in the order of time for each environment.
+        ended: Time index after the step with which each agent ended in the current piece, -1 while it is active, shape
             (K, N).
-        random: Whether actions were drawn without a policy.
+        random: Whether actions were sampled without a policy.
     """
 
     def __init__(
@@ -129,25 +129,32 @@ class Rollout:
 
     @property
     def missing(self) -> bool:
-        """Whether episodes that are wanted have not ended."""
+        """Whether some of the required episodes have not ended."""
         return self._wanted is not None and bool(self._wanted.any())
 
     def reserve(self, steps: int) -> None:
-        """Make room for a number of steps."""
+        """Enlarge the arrays to at least the given number of steps."""
         while self._steps < steps:
             self._steps *= 2
             for track in self.tracks:
                 track.grow()
 
     def end(self, first: int, time: int, terminated: BoolArray, truncated: BoolArray) -> None:
-        """Note which agents of a group, the first of which is `first`, ended in a step; both masks are (G, N)."""
+        """Record which agents of a group ended in a step.
+
+        Args:
+            first: Index of the first agent of the group.
+            time: Time index of the step.
+            terminated: Mask, shape (G, N).
+            truncated: Mask, shape (G, N).
+        """
         mine = slice(first, first + len(terminated))
         self._terminated[mine] |= terminated
         self._truncated[mine] |= truncated
         self.ended[mine][terminated | truncated] = time + 1
 
     def finish(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> bool:
-        """Cut at the end of an episode; return whether it is kept."""
+        """Close the piece at the end of an episode; return whether it is kept."""
         kept = True
         if self._wanted is not None:
             kept = bool(self._wanted[env] > 0)
@@ -161,7 +168,7 @@ class Rollout:
         return kept
 
     def close(self, observations: Sequence[AnyArray]) -> None:
-        """Cut what goes on; `observations` are those behind the last step."""
+        """Close the pieces of the episodes that continue; `observations` are those after the last step."""
         for track, observation in zip(self.tracks, observations, strict=True):
             track.observations[:, :, self._steps] = observation.transpose(1, 0, 2)
         for env in np.flatnonzero(self._start < self._steps).tolist():

@@ -1,6 +1,7 @@
-"""RLlib's episodes that hold a rollout's arrays and become whole when somebody asks for more than these.
+"""RLlib's episodes with a rollout's arrays, whose other attributes are created when they are first accessed.
 
-To make one costs as much as sixteen steps of its environment, and this package's learner wants the arrays alone.
+Creating a complete episode takes as long as sixteen steps of its environment, and this package's learner needs only the
+arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.types import AnyArray
 
-#: Name among RLlib's outputs of a module of the control steps of each decision.
+#: Name of the control steps of each decision, among RLlib's outputs of a module.
 DECISION_STEPS = "decision_steps"
 #: Observation and action space of an agent.
 Spaces = tuple[Any, Any]
@@ -29,15 +30,15 @@ class EpisodePart:
     """T steps, or decisions, of one agent within one episode.
 
     Attributes:
-        observations: At the beginning of each step and behind the last, shape (T + 1, O).
-        final: Stands in the place of the last observation, shape (O,); None: it stands there already.
-        actions: Shape (T, A).
-        inputs: Inputs of the action distribution, shape (T, I); None: the actions were drawn without a policy.
-        log_probabilities: Of the actions, shape (T,); None as above.
-        rewards: Shape (T,).
+        observations: Observations at the start of each step and after the last, shape (T + 1, O).
+        final: The last observation, which replaces that in `observations`, shape (O,); None to replace nothing.
+        actions: Actions, shape (T, A).
+        inputs: Inputs of the action distribution, shape (T, I); None if the actions were sampled without a policy.
+        log_probabilities: Log probabilities of the actions, shape (T,); None if `inputs` is None.
+        rewards: Rewards, shape (T,).
         terminated: Whether the task ended with the last step.
-        weights: Number of the weights that flew it; None: unknown.
-        steps: Control steps of each decision, where the rows are decisions, shape (T,); None: one each.
+        weights: Sequence number of the weights with which the actions were sampled; None if unknown.
+        steps: Number of control steps of each decision, shape (T,); None if each row is one step.
     """
 
     observations: AnyArray
@@ -62,7 +63,7 @@ class EpisodePart:
 
 
 class _Lazy:
-    """What both kinds of episode do alike: attributes that are missing are made, all at once."""
+    """Common part of both kinds of episode: all missing attributes are created when one of them is first accessed."""
 
     __slots__ = ()
     _kind: type
@@ -75,16 +76,16 @@ class _Lazy:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         known = {key: value for key, value in self._known().items() if key in _slots(self._kind)}
         self._make()
-        for key, value in known.items():  # what somebody has set meanwhile holds
+        for key, value in known.items():  # attributes that were set before take precedence
             setattr(self, key, value)
         return object.__getattribute__(self, name)
 
     def __reduce__(self) -> Any:
-        # Typeshed does not know copyreg.__newobj__, pickle's way to make an object without calling __init__.
+        # Typeshed lacks copyreg.__newobj__, with which pickle creates an object without calling __init__.
         return copyreg.__newobj__, (type(self),), (None, self._known())  # type: ignore[attr-defined]
 
     def _known(self) -> dict[str, Any]:
-        """Return the attributes that are there."""
+        """Return the attributes that have been set."""
         found = {}
         for name in _slots(type(self)):
             try:
@@ -104,18 +105,18 @@ _SLOTS: dict[type, frozenset[str]] = {}
 
 
 class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
-    """A stretch of one agent's episode.
+    """A part of one agent's episode.
 
     Args:
         part: Its steps.
-        name: Identity of the episode.
+        name: Identifier of the episode.
         spaces: The agent's spaces.
-        begun: Steps of the episode before these.
-        truncated: Whether a limit of time ended the episode with the last step.
-        owner: The agent, its policy and the identity of the whole episode, where there are several agents.
+        begun: Number of steps of the episode before this part.
+        truncated: Whether a time limit ended the episode with the last step.
+        owner: The agent, its policy and the identifier of the whole episode, if there are several agents.
 
     Attributes:
-        part: Its steps as arrays; None when it has become whole, so that somebody may have changed it.
+        part: Its steps as arrays; None once all attributes have been created, as they may be changed from then on.
     """
 
     __slots__ = ("_begun", "_spaces", "part")
@@ -141,7 +142,7 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
 
     def _make(self) -> None:
         part, (observation_space, action_space) = self.part, self._spaces
-        assert part is not None, "it becomes whole once"
+        assert part is not None, "the attributes are created only once"
         actions: Any = part.actions
         if np.issubdtype(action_space.dtype, np.integer):
             actions = actions.astype(action_space.dtype)
@@ -165,17 +166,17 @@ class RolloutEpisode(_Lazy, SingleAgentEpisode):  # type: ignore[misc]
             t_started=self._begun,
             len_lookback_buffer=0,
         )
-        self.part = None  # else the arrays would travel twice
+        self.part = None  # otherwise the arrays would be pickled twice
 
 
 class RolloutTeamEpisode(_Lazy, MultiAgentEpisode):  # type: ignore[misc]
-    """A stretch of an episode of several agents.
+    """A part of an episode of several agents.
 
     Args:
-        parts: The stretches of its agents, all of which begin with it.
-        name: Identity of the episode.
-        steps: Steps of the episode before it, and behind its last step.
-        done: Whether the episode ended, by the task itself or by a limit of time.
+        parts: The parts of its agents, all of which start with it.
+        name: Identifier of the episode.
+        steps: Numbers of steps of the episode before this part and up to its end.
+        done: Whether the episode was terminated by the task, and whether it was truncated by a time limit.
         spaces: The spaces of each agent.
         modules: The policy of each agent that may act.
         mapping: RLlib's function from agent to policy.
@@ -240,5 +241,5 @@ def part_of_episode(episode: Any) -> EpisodePart:
 
 
 def _data(buffer: Any) -> AnyArray:
-    """Return the data of one of RLlib's buffers without what it keeps of the time before."""
+    """Return the data of one of RLlib's buffers without its lookback."""
     return np.asarray(buffer.data[buffer.lookback :])

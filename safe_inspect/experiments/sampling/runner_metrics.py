@@ -1,4 +1,4 @@
-"""What the batched runners log under RLlib's own names, as Algorithm and Tune expect it."""
+"""Metrics of the batched runners, under the names that RLlib's Algorithm and Tune expect."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from safe_inspect.experiments.sampling.sampler import AgentSlot, agents_by_polic
 
 
 def log_steps(logger: Any, rollout: Rollout, slots: Sequence[AgentSlot], ended: int, several: bool) -> int:
-    """Log the steps of a sample, and return how many steps the environments took.
+    """Log the steps of a sample, and return the number of environment steps.
 
     Args:
         logger: RLlib's `MetricsLogger`.
         rollout: The sample.
         slots: The agents, in order.
-        ended: How many episodes have ended.
-        several: Whether RLlib sees several agents.
+        ended: Number of episodes that have ended.
+        several: Whether RLlib handles several agents.
     """
     steps = sum(piece.stop - piece.start for piece in rollout.pieces)
     logger.log_value(NUM_ENV_STEPS_SAMPLED, steps, reduce="sum")
@@ -61,9 +61,9 @@ def log_episodes(
     Args:
         logger: RLlib's `MetricsLogger`.
         config: RLlib's configuration.
-        reports: What the episodes came to, in the order of their ends.
+        reports: The reports of the episodes, in the order in which they ended.
         slots: The agents, in order.
-        several: Whether RLlib sees several agents.
+        several: Whether RLlib handles several agents.
     """
     window = window_of(config)
     recent = reports[-window:]

@@ -1,4 +1,4 @@
-"""`Sampler`: rolls N environments with all their agents into arrays; it knows nothing of RLlib's episodes."""
+"""`Sampler`: sampling of N environments with all their agents into arrays, without RLlib's episodes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 @dataclass(frozen=True)
 class AgentSlot:
-    """One agent that acts from outside.
+    """A controlled agent.
 
     Attributes:
         agent: Its name.
-        policy: Name of the policy that flies it.
-        group: Index of its group among the acting ones.
+        policy: Name of its policy.
+        group: Index of its group among the controlled groups.
         member: Its index in the group.
         deputy: Its index among all agents.
     """
@@ -41,11 +41,11 @@ class AgentSlot:
 
 
 def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[AgentSlot, ...]:
-    """Return the agents that act from outside, in order.
+    """Return the controlled agents, in order.
 
     Args:
         environment: The environments.
-        policy_of: Function from an agent to its policy; the environments' own unless given.
+        policy_of: Function from an agent to its policy; by default the policies of the environments are used.
     """
     return tuple(
         AgentSlot(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
@@ -55,15 +55,15 @@ def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | 
 
 
 class Sampler:
-    """Steps the environments with their policies and keeps what happens.
+    """Sampler that steps the environments with their policies and stores the results.
 
-    Unfinished episodes go on in the next call. What is sampled depends on the seed and the slots alone, not on how
-    many environments stand in the batch.
+    Unfinished episodes continue in the next call. The samples depend only on the seed and the slots, not on the number
+    of environments in the batch.
 
     Args:
         environment: The environments.
-        slots: Its agents that act from outside, in order.
-        nets: Makes the net of a policy for a number of rows.
+        slots: The controlled agents, in order.
+        nets: Function that makes the net of a policy for a number of rows.
         seed: Seed of the actions' noise.
         first_slot: Global index of the first environment slot.
     """
@@ -101,11 +101,11 @@ class Sampler:
         self._flying: BoolArray = np.ones((len(slots), count), dtype=np.bool_)
         self._since = [perf_counter()] * count
         self._observations: list[AnyArray] = []
-        #: What the episodes that have ended came to, until someone takes it.
+        #: Reports of the episodes that have ended; the caller removes them.
         self.reports: list[EpisodeReport] = []
 
     def reset(self) -> None:
-        """Begin a new episode in every environment."""
+        """Start a new episode in every environment."""
         rows = np.arange(self.environment.num_envs)
         self._observations = [observation.copy() for observation in self.environment.reset()]
         self._sums.restart(rows)
@@ -117,10 +117,10 @@ class Sampler:
         """Take a number of steps in every environment.
 
         Args:
-            steps: How many.
-            explore: False: the actions are the means.
-            random: Draw the actions uniformly within their bounds instead.
-            lifetime: Steps that the whole training has sampled.
+            steps: Number of steps.
+            explore: Whether to sample actions; otherwise they are the means.
+            random: Whether to sample actions uniformly within their bounds instead, without a policy.
+            lifetime: Number of steps that the whole training has sampled.
         """
         rollout = self._rollout(steps)
         for time in range(steps):
@@ -130,10 +130,16 @@ class Sampler:
         return rollout
 
     def roll_episodes(self, count: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
-        """Fly whole episodes: the first ones of as many environments as possible.
+        """Sample whole episodes: the first ones of as many environments as possible.
 
-        How many episodes each environment flies is fixed beforehand: to take those that end first would favour short
-        ones. All environments begin anew, and what is not finished at the end is thrown away.
+        The number of episodes of each environment is fixed in advance, because taking the episodes that end first would
+        favour short ones. All environments are reset first, and episodes that are unfinished at the end are discarded.
+
+        Args:
+            count: Number of episodes.
+            explore: See `roll`.
+            random: See `roll`.
+            lifetime: See `roll`.
         """
         self.reset()
         envs = self.environment.num_envs
@@ -150,7 +156,7 @@ class Sampler:
         """Return the action distribution of a group of agents.
 
         Raises:
-            SafeInspectError: The policies of its agents have different ones.
+            SafeInspectError: The policies of its agents have different distributions.
         """
         found = {
             slot.policy: getattr(self._nets[slot.policy], "distribution", None)
@@ -160,8 +166,8 @@ class Sampler:
         first, *others = found.values()
         if any(type(other) is not type(first) for other in others):
             raise SafeInspectError(
-                f"the policies {', '.join(found)} fly equal agents with different action distributions; give all of "
-                "them `hurdle`, or none"
+                f"the policies {', '.join(found)} control equal agents with different action distributions; give "
+                "`hurdle` to all of them or to none"
             )
         return first or distribution_of(self.environment.acting[group].action_layout)
 
@@ -218,11 +224,11 @@ class Sampler:
             track.actions[:, :, time] = actions.transpose(1, 0, 2)
 
     def _finish(self, rollout: Any, row: int, stop: int, episode: int) -> bool:
-        """Cut at the end of an episode; return whether it is kept."""
+        """Close the piece at the end of an episode; return whether it is kept."""
         return bool(rollout.finish(row, stop, episode, [found[row].copy() for found in self._observations]))
 
     def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
-        """Cut what has ended, report it and begin new episodes in its place; return the rows that are kept."""
+        """Close the pieces of ended episodes, report them and start new episodes; return the rows that are kept."""
         rows = np.flatnonzero(transition.over)
         episodes = self.environment.simulation.episodes
         kept = [row for row in rows.tolist() if self._finish(rollout, row, time + 1, int(episodes[row]))]
@@ -240,7 +246,7 @@ class Sampler:
 
 
 def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Return the names of each policy's agents."""
+    """Return the names of the agents of each policy."""
     found: dict[str, tuple[str, ...]] = {}
     for slot in slots:
         found[slot.policy] = (*found.get(slot.policy, ()), slot.agent)

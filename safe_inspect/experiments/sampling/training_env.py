@@ -1,7 +1,7 @@
-"""`TrainingEnv`: one agent's batched environment as RLlib's stock runner takes it.
+"""`TrainingEnv`: the batched environment of one agent for RLlib's stock runner.
 
-RLlib hands a registered creator the number of environments, but not the index of the runner. So the environment is
-placed afterwards, by a callback, and then takes the slots of its runner.
+RLlib passes the number of environments to a registered creator, but not the index of the runner. So a callback later
+assigns the slots of the runner to the environment.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from safe_inspect.types import AnyArray, BoolArray
 
 
 class TrainingEnv(_VectorEnv[Any, Any, Any]):
-    """N environments whose one agent acts from outside; an ended one begins again in the next step.
+    """N environments with one controlled agent; an environment that has ended is reset in the next step.
 
     Args:
         config: RLlib's environment configuration, see `environment_settings` in `algorithm`.
         num_envs: Number of environments.
 
     Attributes:
-        reports: What the episodes that ended in the last step came to, by environment.
+        reports: Reports of the episodes that ended in the last step, by environment.
     """
 
     def __init__(self, config: Mapping[str, Any], num_envs: int) -> None:
@@ -42,7 +42,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         self._build()
         acting = [agent for group in self.team.acting for agent in group.agents]
         if len(acting) != 1:
-            raise SafeInspectError(f"one agent acts from outside here, not {', '.join(acting)}")
+            raise SafeInspectError(f"this environment has one controlled agent, not {', '.join(acting)}")
         group = self.team.acting[0]
         self.single_observation_space = box(group.observation_layout)
         self._choices = group.action_layout.choices if self._config.get("flat_actions") else ()
@@ -51,7 +51,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     def place(self, worker_index: int, evaluation: bool) -> None:
-        """Take the slots of a runner; call it before the first reset."""
+        """Assign the slots of a runner to the environments; must be called before the first reset."""
         where = (first_slot(worker_index, self.num_envs), evaluation)
         if where != self._where:
             self._where = where
@@ -66,9 +66,9 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         self.reports: dict[int, EpisodeReport] = {}
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[AnyArray, dict[str, Any]]:
-        """Begin a new episode in every slot.
+        """Start a new episode in every slot.
 
-        RLlib's seed is not used: the episodes are functions of the run's seed, the slot and the episode.
+        RLlib's seed is not used: the episodes are functions of the run's seed, the slot and the number of the episode.
         """
         with Reported(self._config):
             observations = self.team.reset()[0][:, 0].copy()
@@ -77,7 +77,7 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         return observations, {}
 
     def step(self, actions: AnyArray) -> tuple[AnyArray, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Take a step; what has ended before begins again instead."""
+        """Take a step; environments that ended in the last step are reset instead."""
         again = np.flatnonzero(self._ended)
         if self._choices:
             actions = from_flat(actions, self._choices)
@@ -97,5 +97,5 @@ class TrainingEnv(_VectorEnv[Any, Any, Any]):
         return observations, rewards, terminated, truncated, {}
 
     def report(self, index: int) -> EpisodeReport | None:
-        """Return what the episode of an environment that has just ended came to."""
+        """Return the report of the episode that ended in the last step; None if it has not ended."""
         return self.reports.get(index)
