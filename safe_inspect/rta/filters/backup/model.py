@@ -65,8 +65,8 @@ class FilterModel(NamedTuple):
         turning: Largest curvature of the regions that closed motions must not enter, with the sun's rotation [1/m].
         plan: Control of a plan from (targets - free motion), shape (3, 3), with the row order x, y, z of the velocity.
         further: Number of further constraints; see `half_spaces`.
-        kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. `further` and `kernels` are
-            two numbers instead of arrays because models are passed by value.
+        kernels: Address of the addresses of their kernels and parameters; see `KernelTable`. `further` and `kernels`
+            are numbers instead of arrays because models are passed by value.
         leads: Number of holds of thrust allowed before the hold of a plan; see `plans`.
         tube: Largest distance of the real motion from that of the model in each part: in lengths [m], speeds [m/s],
             ranges of coasting [m] and the thrust of an axis [N], each as multiples of 1, of the thrust of the hold [N]
