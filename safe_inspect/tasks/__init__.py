@@ -1,4 +1,4 @@
-"""The components of tasks, and the simulators composed of them. Importing it registers their plugins."""
+"""Components of the tasks, and the simulators composed of them. Importing this package registers their plugins."""
 
 from safe_inspect.tasks.disturbances.component import BoundedDisturbance
 from safe_inspect.tasks.docking.initializer import Docking3DRadialInitializer

@@ -47,9 +47,9 @@ def test_a_good_plugin_passes() -> None:
 
 class TestDeclaration:
     def test_what_is_not_a_plugin(self) -> None:
-        with pytest.raises(TypeError, match="no plugin"):
+        with pytest.raises(TypeError, match="is not a plugin"):
             check_plugin(int)  # type: ignore[arg-type]
-        with pytest.raises(TypeError, match="no plugin"):
+        with pytest.raises(TypeError, match="is not a plugin"):
             check_plugin("reward")  # type: ignore[arg-type]
 
     def test_abstract(self) -> None:

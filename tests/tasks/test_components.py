@@ -46,14 +46,14 @@ LENGTH = "all components are 0, which is neither a direction nor an attitude"
         (InspectionSimulator, {"inspected_points_update_bounds": (0.9, 0.8)}, {}, SWAP),
         (InspectionSimulator, {"field_of_view": 3.2}, {"field_of_view": math.pi}, FULL),
         (InspectionPoints, {"field_of_view": 0.0}, {"field_of_view": 1e-3}, FULL),
-        (IlluminationParams, {"render_flag_3d": True}, {"render_flag_3d": False}, "the simulator draws nothing"),
-        (IlluminationParams, {"render_flag_subplots": True}, {}, "the simulator draws nothing"),
+        (IlluminationParams, {"render_flag_3d": True}, {"render_flag_3d": False}, "the simulator does not render"),
+        (IlluminationParams, {"render_flag_subplots": True}, {}, "the simulator does not render"),
         (
             TumbleParameter, {"rate": AttitudeParameter()}, {"rate": UniformParameter(low=0.0, high=0.1)},
-            "is a number in rad/s or deg/s",
+            "must be a number in rad/s or deg/s",
         ),
         (TumbleParameter, {"rate": ConstantParameter(value=1.0, units="m")}, {"rate": ConstantParameter(value=1.0)},
-         "is a number in rad/s or deg/s"),
+         "must be a number in rad/s or deg/s"),
         (TumbleParameter, {"direction": (0.0, 0.0, 0.0)}, {"direction": (0.0, 0.0, 1e-9)}, LENGTH),
         (AttitudeParameter, {"orientation": (0.0, 0.0, 0.0, 0.0)}, {"orientation": (0.0, 0.0, 0.0, -3.0)}, LENGTH),
     ],
@@ -66,7 +66,7 @@ def test_what_cannot_be_meant_is_refused(plugin, refused, accepted, message):
 
 def test_platforms_that_turn_need_dynamics_that_do():
     assert InspectionSimulator().with_attitude().turns
-    with pytest.raises(ValueError, match="the platforms turn, and ClohessyWiltshire has no attitude"):
+    with pytest.raises(ValueError, match="the platforms turn, but ClohessyWiltshire has no attitude"):
         InspectionSimulator(dynamics=ClohessyWiltshire()).with_attitude()
 
 
@@ -94,13 +94,13 @@ def simulation(*components, disturbance=None):
 )
 def test_a_chief_that_rotates_does_so_between_the_sun_and_the_points(components):
     simulation(Sun(), ChiefRotation(), InspectionPoints())
-    with pytest.raises(ValueError, match="ChiefRotation stands after Sun and before InspectionPoints"):
+    with pytest.raises(ValueError, match="ChiefRotation must come after Sun and before InspectionPoints"):
         simulation(*components)
 
 
 def test_points_without_a_sun_before_them_are_refused():
     for light in (IlluminationParams(), None):
-        with pytest.raises(ValueError, match="InspectionPoints stands after Sun; put Sun before it"):
+        with pytest.raises(ValueError, match="InspectionPoints must come after Sun; put Sun before it"):
             simulation(InspectionPoints(illumination_params=light), Sun())
 
 

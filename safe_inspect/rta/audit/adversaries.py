@@ -1,4 +1,4 @@
-"""Desired thrusts that try to break the safety constraints."""
+"""Desired thrusts that try to violate the safety constraints."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray, IntArray
 
-#: The adversaries; row r of a batch has the one of number r modulo their count.
+#: The adversaries; row r of a batch has the one with index r modulo their number.
 ADVERSARIES = ("to the chief", "to the sun cone or ahead", "outward", "random corners", "bang-bang", "zero")
 
 
 def adversarial_thrust(view: View, step: int, slots: IntArray, seed: int) -> FloatArray:
-    """Return what the adversaries want, as shares of the largest thrust in [-1, 1], Hill frame, shape (R, 3).
+    """Return the adversaries' desired thrusts, as fractions of the largest thrust in [-1, 1], Hill frame, shape (R, 3).
 
-    In turn: straight to the chief; towards the axis of the sun's keep-out cone, or without a sun along the velocity;
-    straight outward; the largest thrust in random directions; along and against the velocity, for seven steps each;
-    nothing.
+    In the order of `ADVERSARIES`: straight to the chief; towards the axis of the sun's keep-out cone or, without a sun,
+    along the velocity; straight outward; the largest thrust in random directions; along and against the velocity, for
+    seven steps each; no thrust.
 
     Args:
         view: The state.
-        step: Number of the step, for the random and the bang-bang ones.
+        step: Number of the step, for the random and the bang-bang adversaries.
         slots: Global index of the environment slot of each row, shape (R,).
-        seed: Seed of the random one.
+        seed: Seed of the random adversary.
     """
     position = view.position
     distance = view.range_to(None)[:, None]

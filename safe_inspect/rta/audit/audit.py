@@ -1,7 +1,7 @@
-"""`audit`: does the backup filter hold away from its home parameters, from states that graze its limits?
+"""`audit`: test the backup filter with random parameters, from states at the edge of what it accepts.
 
-What is asked of the filter is computed here anew, without its code: motions by a matrix exponential, the constraints
-from their definitions, at moments within every hold.
+The expected results are computed independently, without the code of the filter: motions by a matrix exponential, the
+constraints from their definitions, at moments within every hold.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.tube.safety_filter import TubeFilter
 from safe_inspect.types import FloatArray, IntArray
 
-#: Parts of a hold at whose ends the constraints are looked at.
+#: Number of parts of a hold at whose ends the constraints are evaluated.
 _PARTS = 20
-#: Grid on which the least range of coasting is looked for [s].
+#: Step of the grid on which the least range of coasting is searched [s].
 _COAST = 2.0
 _BISECTIONS = 45
 _GRID = 25
@@ -33,14 +33,14 @@ class Audit:
     """Counts over all settings.
 
     Attributes:
-        settings: Settings that were flown.
-        refused: Settings that were drawn, and that the filter refused when it was built.
+        settings: Settings that were tested.
+        refused: Settings that were sampled, but rejected when the filter was built.
         starts: Initial states.
         steps: Filtered steps.
-        infeasible: Steps in which the filter found no plan, though it had accepted the initial state.
-        violations: Moments at which a constraint was broken.
+        infeasible: Steps in which the filter found no plan, although it had accepted the initial state.
+        violations: Moments at which a constraint was violated.
         interventions: Steps in which the filter changed the desired thrust.
-        least: The smallest plain safety quantity of each constraint.
+        least: The smallest safety quantity phi of each constraint.
     """
 
     settings: int = 0
@@ -60,7 +60,7 @@ class Audit:
 
 
 def settings(seed: int) -> Iterator[tuple[dict[str, float], tuple[str, ...]]]:
-    """Yield random parameters and choices of constraints, without end; about half name all constraints."""
+    """Yield random parameters and choices of constraints, endlessly; about half of them name all constraints."""
     rng = np.random.default_rng(seed)
     while True:
         speed = float(rng.choice([0.1, 0.2, 0.5, 1.0]))
@@ -86,15 +86,15 @@ def audit(
     first: BackupFilter | None = None,
     progress: Callable[[Audit], None] | None = None,
 ) -> Audit:
-    """Fly states that graze the limits, under random settings.
+    """Run the filter from states at the edge of what it accepts, with random settings.
 
     Args:
         count: Number of random settings.
-        rows: Lines of states of each of three kinds on which a setting's initial states are looked for.
-        steps: Steps of each flight.
-        seed: Seed of everything.
-        first: A filter that is flown before the others. Where it withstands a disturbance, the others withstand the
-            same, and all flights are disturbed as much as that allows; see `DisturbanceAdversary`.
+        rows: Number of lines of states, of each of three kinds, on which a setting's initial states are searched.
+        steps: Steps of each rollout.
+        seed: Seed of all random numbers.
+        first: A filter that is tested before the others. If it has bounds of disturbances, the others have the same
+            bounds, and all rollouts are disturbed as much as these allow; see `DisturbanceAdversary`.
         progress: Called after each setting.
     """
     result = Audit()
@@ -116,7 +116,7 @@ def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -
             return
         try:
             found = BackupFilter(values, names) if bounds is None else TubeFilter(values, names, bounds)
-        except ValueError:  # no position is safe, or the thrusters are too weak
+        except ValueError:  # No position is safe, or the thrusters are too weak.
             result.refused += 1
             continue
         count -= 1
@@ -124,16 +124,16 @@ def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -
 
 
 def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.random.Generator, result: Audit) -> None:
-    """Fly states under kinds of desired thrust: none, a little, the largest, and towards the chief.
+    """Run the filter under kinds of desired thrust: none, small, the largest, and towards the chief.
 
-    Flights that are disturbed know a fifth: the largest thrust where the disturbances push.
+    Disturbed rollouts have a fifth kind: the largest thrust in the direction of the disturbances.
 
     Args:
         run: The filter.
         state: The initial states.
-        steps: Steps of each flight.
+        steps: Steps of each rollout.
         rng: Generator of the thrusts and disturbances.
-        result: Counts, to which these flights are added.
+        result: Counts, to which these rollouts are added.
     """
     if not len(state):
         return
@@ -163,12 +163,12 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
 
 
 class _OracleWatch:
-    """Propagates states and looks at the constraints on the way, without any code of the filter."""
+    """Propagation of states and evaluation of the constraints, without any code of the filter."""
 
     def __init__(self, run: BackupFilter) -> None:
         p, n = run.parameters, run.parameters.n
         self._p, self._kept = p, cast("dict[str, Any]", run.constraints)
-        drift = np.zeros((9, 9))  # of position, velocity and a constant thrust
+        drift = np.zeros((9, 9))  # Of position, velocity and a constant thrust.
         drift[:3, 3:6] = np.eye(3)
         drift[3, 0], drift[3, 4], drift[4, 3], drift[5, 2] = 3.0 * n * n, 2.0 * n, -2.0 * n, -n * n
         horizon = self._kept["PSM"].horizon if "PSM" in self._kept else p.psm_horizon
@@ -178,7 +178,7 @@ class _OracleWatch:
         self._parts = [expm(drift * p.step_size * part / _PARTS)[:6] for part in range(1, _PARTS + 1)]
 
     def look(self, state: RelativeState, result: Audit) -> dict[str, FloatArray]:
-        """Count what is broken in states; return their plain safety quantities, but for passive safety."""
+        """Count the violations in states; return their safety quantities phi, except for passive safety."""
         return self._counted(self._quantities(state.position, state.velocity, state.sun_angle, False), result)
 
     @staticmethod
@@ -189,12 +189,12 @@ class _OracleWatch:
         return found
 
     def advance(self, state: RelativeState, control: FloatArray, result: Audit) -> RelativeState:
-        """Return the states after a hold; what is broken within it is counted."""
+        """Return the states after a hold; violations within it are counted."""
         before = np.concatenate((state.position, state.velocity, control), axis=1)
         for part, matrix in enumerate(self._parts, 1):
             x = before @ matrix.T
             sun = state.sun_angle + self._p.n * self._p.step_size * part / _PARTS
-            coast = part == _PARTS  # the least range over the horizon, once for each hold
+            coast = part == _PARTS  # The least range over the horizon is evaluated once for each hold.
             self._counted(self._quantities(x[:, :3], x[:, 3:], sun, coast), result)
         return RelativeState(x[:, :3], x[:, 3:], sun)
 
@@ -219,10 +219,10 @@ class _OracleWatch:
 
 
 def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> RelativeState:
-    """Return states on the edge of what the filter accepts, by bisection along lines of states.
+    """Return states at the edge of what the filter accepts, by bisection along lines of states.
 
-    The lines are closed motions that pass the chief ever nearer, closed motions under a turning sun, both at a random
-    phase, and states whose velocity grows.
+    The lines are closed motions that pass the chief at decreasing distances, closed motions with different sun angles,
+    both at a random phase, and states with increasing velocity.
     """
     n, top = run.parameters.n, (run.limit("v0", "rel_vel") if "rel_vel" in run.names else 2.0)
     near, far = run.limit("collision_radius", "chief_collision", "PSM"), run.limit("r_max", "r_max")
@@ -234,7 +234,7 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
     radius = rng.uniform(near, far, rows)
 
     def closed(distance: FloatArray, angle: FloatArray, i: IntArray) -> RelativeState:
-        """Return closed motions that were at that distance from the chief a phase ago."""
+        """Return closed motions that were at the given distance from the chief one phase earlier."""
         x, y, z = (out[i] * distance[:, None]).T
         u, w = fast[i, 0] / n, fast[i, 2] / n
         c, s = np.cos(phase[i]), np.sin(phase[i])
@@ -256,7 +256,7 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
 def _edges(
     run: BackupFilter, line: Callable[[FloatArray, IntArray], RelativeState], grid: FloatArray, rows: int
 ) -> RelativeState:  # fmt: skip
-    """Return the accepted states next to refused ones along lines of states."""
+    """Return the accepted states next to rejected ones along lines of states."""
     every = np.arange(rows)
     accepted = np.stack([run.recoverable(line(np.full(rows, g), every)) for g in grid])
     k, i = np.nonzero(accepted[1:] != accepted[:-1])

@@ -1,4 +1,4 @@
-"""Disturbances that try to break the safety constraints, each on the surface of what its bounds allow."""
+"""Disturbances that try to violate the safety constraints, each on the surface of what its bounds allow."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.types import FloatArray, IntArray
 
-#: Where the disturbances of a flight push; row r has the one that was drawn for it.
+#: Directions in which the disturbances of a rollout push; row r has the one that was sampled for it.
 PUSHES = ("at random", "always one way", "inward", "outward", "along the velocity", "against it", "to the sun cone",
           "to the nearest limit", "to and fro")  # fmt: skip
 _RANDOM, _STEADY, _INWARD, _OUTWARD, _ALONG, _AGAINST, _SUN, _NEAREST, _TO_AND_FRO = range(len(PUSHES))
-#: The push towards each constraint.
+#: Direction of the push towards each constraint.
 _TOWARDS = {"chief_collision": _INWARD, "PSM": _INWARD, "r_max": _OUTWARD, "sun": _SUN}
 
 
 class DisturbanceAdversary:
-    """What disturbs R flights: errors of the estimate, errors of the thrust and velocities.
+    """Disturbances of R rollouts: errors of the estimate, errors of the thrust, and velocities.
 
-    All of them push in one direction. The error of the estimate is such that who corrects it pushes that way, but in
-    every third flight the other way, and in every third it is random.
+    All of them push in one direction. A deputy that corrects the error of the estimate pushes in that direction too; in
+    one third of the rollouts it pushes in the opposite direction, and in another third the error is random.
 
     Attributes:
-        push: Where the disturbances of each flight push, a number of `PUSHES`, shape (R,).
-        direction: Where they push in this step, unit vectors, Hill frame, shape (R, 3).
+        push: Index in `PUSHES` of the direction for each rollout, shape (R,).
+        direction: Direction of the push in this step, unit vectors, Hill frame, shape (R, 3).
     """
 
     def __init__(self, bounds: DisturbanceBounds, rows: int, rng: np.random.Generator) -> None:
@@ -36,11 +36,11 @@ class DisturbanceAdversary:
         self.direction: FloatArray = self._one_way
 
     def estimate(self, state: RelativeState, phi: dict[str, FloatArray]) -> RelativeState:
-        """Return what the deputies take for their states, and choose where this step's disturbances push.
+        """Return the state estimates of the deputies, and choose the directions in which this step's disturbances push.
 
         Args:
             state: The states.
-            phi: The constraints' plain safety quantities, of which the least names the nearest limit.
+            phi: The constraints' safety quantities; the least one determines the nearest limit.
         """
         self.direction = self._choose(state, phi)
         bounds, errors = self._bounds, []
@@ -52,7 +52,7 @@ class DisturbanceAdversary:
         return RelativeState(state.position + errors[0], state.velocity + errors[1], state.sun_angle)
 
     def flown(self, control: FloatArray) -> FloatArray:
-        """Return the thrust that is flown [N], shape (R, 3): turned towards the push, and longer along it."""
+        """Return the applied thrust [N], shape (R, 3): rotated towards the push, and longer along it."""
         size = np.linalg.norm(control, axis=1, keepdims=True)
         along = control / np.maximum(size, 1e-300)
         part = (along * self.direction).sum(axis=1, keepdims=True)
@@ -62,7 +62,7 @@ class DisturbanceAdversary:
         return np.asarray(gain * size * (np.cos(angle) * along + np.sin(angle) * across))
 
     def disturbed(self, state: RelativeState) -> RelativeState:
-        """Return the states with the velocities that a step adds."""
+        """Return the states after the velocity that the disturbance adds in a step."""
         added = self._bounds.velocity * self.direction
         return RelativeState(state.position, state.velocity + added, state.sun_angle)
 
@@ -76,7 +76,7 @@ class DisturbanceAdversary:
             _SUN: normalised_rows(away * np.linalg.norm(state.position, axis=1, keepdims=True) - state.position),
             _TO_AND_FRO: self._one_way if self._steps % 4 < 2 else -self._one_way,
         }  # fmt: skip
-        names = ["PSM", *phi]  # which is not among those of every step, and is never the nearest of them
+        names = ["PSM", *phi]  # PSM is not among those of every step, and is never the nearest of them.
         near = [np.full(len(state), np.inf), *(value / _SCALES.get(name, 0.1) for name, value in phi.items())]
         towards = np.array([_TOWARDS.get(name, _ALONG) for name in names])[np.argmin(np.stack(near), axis=0)]
         push = np.where(self.push == _NEAREST, towards, self.push)
@@ -84,10 +84,10 @@ class DisturbanceAdversary:
         return np.stack([ways[k] for k in known])[np.searchsorted(known, push), np.arange(len(state))]
 
 
-#: What counts as equally near: metres, radians, and otherwise metres per second.
+#: Scales on which distances count as equally near: metres, radians, and otherwise metres per second.
 _SCALES = {"chief_collision": 10.0, "r_max": 10.0, "sun": 0.2}
 
 
 def normalised_rows(v: FloatArray) -> FloatArray:
-    """Return vectors shortened or stretched to length 1, shape (R, 3); zeros stay zeros."""
+    """Return vectors scaled to length 1, shape (R, 3); zero vectors are unchanged."""
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300))

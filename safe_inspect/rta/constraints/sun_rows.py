@@ -23,7 +23,7 @@ from safe_inspect.types import FloatArray
 
 
 class SunNumbers(NamedTuple):
-    """Whether the cone is forbidden, cosine and sine of its half angle, and mean motion [1/s]."""
+    """Numbers of the sun cone: whether it is forbidden, cosine and sine of its half angle, mean motion [1/s]."""
 
     on: bool
     cos_b: float

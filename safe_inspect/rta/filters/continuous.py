@@ -65,8 +65,7 @@ class ContinuousFilter(SafetyFilter):
             if name not in NAMES and not responds_to_thrust(constraint):
                 raise ValueError(
                     f"the method 'continuous' cannot enforce the constraint {name!r}: the velocity part of the "
-                    "gradient of its h is 0 everywhere, so thrust does not affect the rate of h; let h depend on the "
-                    "velocity too"
+                    "gradient of its h is 0 everywhere, so thrust cannot affect it; let h depend on the velocity too"
                 )
         if infeasible not in ("least_violating", "pass"):
             raise ValueError(f"`infeasible` must be 'least_violating' or 'pass', got {infeasible!r}")

@@ -1,9 +1,9 @@
-"""The joint control nearest to the desired one under half-spaces: one quadratic programme over all deputies, compiled.
+"""Joint control nearest to the desired one within half-spaces: one quadratic programme over all deputies, compiled.
 
 The dual active-set method of Goldfarb and Idnani ("A numerically stable dual method for solving strictly convex
-quadratic programs", Mathematical Programming 27, 1983) for an identity Hessian: from the desired control, the
-half-space that is broken most is added; those that its multipliers let go of are dropped. The active normals are kept
-as an orthonormal basis and a triangle, built anew when one is dropped: there are at most 3 D of them.
+quadratic programs", Mathematical Programming 27, 1983) for an identity Hessian: starting from the desired control, the
+half-space that is violated most is added, and those whose multipliers become zero are dropped. The active normals are
+stored as an orthonormal basis and a triangular matrix, rebuilt when one is dropped: there are at most 3 D of them.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ import numpy as np
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.types import FloatArray
 
-#: A half-space counts as met within this distance.
+#: A half-space counts as satisfied within this distance.
 _TOLERANCE = 1e-10
-#: A normal whose part outside the active ones is shorter than this, squared, depends on them.
+#: A normal depends on the active ones if the squared length of its part outside them is less than this.
 _DEPENDENT = 1e-14
 _STEPS = 20
 
 
 class QPWorkspace(NamedTuple):
-    """Arrays that one problem of V variables overwrites.
+    """Arrays of one problem of V variables, which are overwritten.
 
     Attributes:
-        normal: The half-space that is being added, shape (V,).
-        step: Its part outside the active ones, shape (V,), as the rest.
-        part: Its coefficients in the active ones.
-        coefficient: Its coefficients in the basis.
-        multiplier: Multipliers of the active ones.
-        normals: Active normals, shape (V, V), one a row.
-        basis: Orthonormal basis of them, shape (V, V), one a row.
-        upper: The normals in the basis, shape (V, V), one a column.
+        normal: Normal of the half-space that is being added, shape (V,).
+        step: Part of that normal outside the active ones, shape (V,), as are the following three.
+        part: Coefficients of that normal in the active ones.
+        coefficient: Coefficients of that normal in the basis.
+        multiplier: Multipliers of the active normals.
+        normals: Active normals, shape (V, V), one per row.
+        basis: Orthonormal basis of the active normals, shape (V, V), one vector per row.
+        upper: Coefficients of the active normals in the basis, shape (V, V), one normal per column.
     """
 
     normal: FloatArray
@@ -49,7 +49,7 @@ class QPWorkspace(NamedTuple):
 
 @njit(error_model="numpy")
 def qp_workspace(variables: int) -> QPWorkspace:
-    """Return the arrays for problems of that many variables."""
+    """Return the arrays for problems with the given number of variables."""
     return QPWorkspace(
         np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables), np.empty(variables),
         np.empty((variables, variables)), np.empty((variables, variables)), np.empty((variables, variables)),
@@ -58,13 +58,13 @@ def qp_workspace(variables: int) -> QPWorkspace:
 
 @njit(**BORROWING)
 def _split(p: QPWorkspace, active: int) -> float:
-    """Write the part of the normal outside the active ones and its coefficients; return that part's square."""
+    """Write the part of the normal outside the active ones, and its coefficients; return the square of that part."""
     size = p.normal.shape[0]
     for k in range(size):
         p.step[k] = p.normal[k]
     for j in range(active):
         p.coefficient[j] = 0.0
-    for _ in range(2):  # twice is enough to be orthogonal to rounding
+    for _ in range(2):  # Two passes are enough for orthogonality up to rounding.
         for j in range(active):
             total = 0.0
             for k in range(size):
@@ -85,7 +85,7 @@ def _split(p: QPWorkspace, active: int) -> float:
 
 @njit(**BORROWING)
 def _append(p: QPWorkspace, active: int, square: float) -> None:
-    """Make the normal an active one, after `_split`."""
+    """Make the normal active, after `_split`."""
     length = math.sqrt(square)
     for k in range(p.normal.shape[0]):
         p.normals[active, k] = p.normal[k]
@@ -97,7 +97,7 @@ def _append(p: QPWorkspace, active: int, square: float) -> None:
 
 @njit(**BORROWING)
 def _remove(p: QPWorkspace, active: int, which: int) -> None:
-    """Drop an active normal and build the basis anew; the normal that is being added is kept in place."""
+    """Drop an active normal and rebuild the basis; the normal that is being added is not changed."""
     size = p.normal.shape[0]
     for j in range(which, active - 1):
         p.multiplier[j] = p.multiplier[j + 1]
@@ -131,14 +131,14 @@ def nearest_joint(
     Args:
         rows: Unit normals, shape (K, V).
         bounds: Right-hand sides, shape (K,).
-        count: How many of them count.
+        count: Number of half-spaces to use.
         limit: Bound of each component.
-        target: The point to be near to, shape (V,).
+        target: The target point, shape (V,).
         out: Receives the point, shape (V,).
         p: Workspace.
 
     Returns:
-        False, and no meaning in `out`, where there is no such point.
+        False if there is no such point; `out` then has no meaning.
     """
     size = target.shape[0]
     for k in range(size):

@@ -1,9 +1,9 @@
-"""The nearest point of a polyhedron in three dimensions, compiled, one row at a time.
+"""Nearest point of a polyhedron in three dimensions, compiled, one row at a time.
 
-Seidel's incremental method: half-spaces are added one by one; where the best point so far breaks one, the new best
-point lies on its plane, which is the same problem in two dimensions, and there in one (Seidel, "Small-dimensional
-linear programming and convex hulls made easy", Discrete & Computational Geometry 6, 1991). It is exact, needs no
-start, and tells an empty polyhedron from the empty interval of the last line.
+Seidel's incremental method adds half-spaces one by one. If the best point so far violates one, the new best point is on
+its plane, which is the same problem in two dimensions, and there in one (Seidel, "Small-dimensional linear programming
+and convex hulls made easy", Discrete & Computational Geometry 6, 1991). It is exact, needs no initial point, and
+detects an empty polyhedron by the empty interval of the last line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.types import BoolArray, FloatArray
 
-#: A half-space counts as met within this distance.
+#: A half-space counts as satisfied within this distance.
 _TOLERANCE = 1e-11
 #: Planes whose unit normals differ by less than this are parallel.
 PARALLEL = 1e-10
@@ -26,7 +26,7 @@ _HALVINGS = 60
 
 
 class ProjectionWorkspace(NamedTuple):
-    """Arrays that `nearest` overwrites: normals (M + 6, 3), offsets (M + 6,), lengths of the rows (M,), a point."""
+    """Arrays overwritten by `nearest`: normals (M + 6, 3), offsets (M + 6,), lengths of the rows (M,), a point."""
 
     a: FloatArray
     c: FloatArray
@@ -36,13 +36,13 @@ class ProjectionWorkspace(NamedTuple):
 
 @njit(error_model="numpy")
 def projection_workspace(most: int) -> ProjectionWorkspace:
-    """Return a workspace for up to `most` half-spaces beside the box."""
+    """Return a workspace for up to `most` half-spaces in addition to the box."""
     return ProjectionWorkspace(np.empty((most + 6, 3)), np.empty(most + 6), np.empty(most), np.empty(3))
 
 
 @njit(**BORROWING)
 def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, out: FloatArray) -> bool:
-    """Minimise the distance to `target`, a point of plane i, on the line of planes i and j, under the rows before j."""
+    """Minimise the distance to `target`, a point of plane i, on the line of planes i and j, within rows before j."""
     dot = a[j, 0] * a[i, 0] + a[j, 1] * a[i, 1] + a[j, 2] * a[i, 2]
     px, py, pz = a[j, 0] - dot * a[i, 0], a[j, 1] - dot * a[i, 1], a[j, 2] - dot * a[i, 2]
     length = math.sqrt(px * px + py * py + pz * pz)
@@ -73,7 +73,7 @@ def _on_line(a: FloatArray, c: FloatArray, i: int, j: int, target: FloatArray, o
 
 @njit(**BORROWING)
 def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
-    """Minimise the distance to `target` on plane i, under the rows before it."""
+    """Minimise the distance to `target` on plane i, subject to the rows before it."""
     short = c[i] - (a[i, 0] * target[0] + a[i, 1] * target[1] + a[i, 2] * target[2])
     for axis in range(3):
         work[axis] = target[axis] + short * a[i, axis]
@@ -88,13 +88,13 @@ def _on_plane(a: FloatArray, c: FloatArray, i: int, target: FloatArray, out: Flo
 
 @njit(**BORROWING)
 def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: FloatArray, work: FloatArray) -> bool:
-    """Write the point nearest to `target` with a u >= c; False, and no meaning in `out`, where there is none.
+    """Write the point nearest to `target` with a u >= c; return False, with no meaning in `out`, if there is none.
 
     Args:
         a: Unit normals, shape (K, 3).
         c: Offsets, shape (K,).
-        rows: How many of them count.
-        target: The point to be near to, shape (3,).
+        rows: Number of half-spaces to use.
+        target: The target point, shape (3,).
         out: Receives the nearest point, shape (3,).
         work: Workspace, shape (3,).
     """
@@ -109,7 +109,7 @@ def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: Fl
 
 @njit(**BORROWING)
 def write_box(a: FloatArray, c: FloatArray, limit: float) -> None:
-    """Write |u_i| <= limit into the first six half-spaces."""
+    """Write |u_i| <= limit to the first six half-spaces."""
     for axis in range(3):
         for side in range(2):
             row = 2 * axis + side
@@ -123,21 +123,21 @@ def nearest(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, settle: bool,
     out: FloatArray, missed: BoolArray, p: ProjectionWorkspace,
 ) -> bool:  # fmt: skip
-    """Write the control nearest to `target` with rows u >= bounds in the box, else the least-violating one.
+    """Write the control nearest to `target` with rows u >= bounds in the box, or the least-violating one.
 
     Args:
         rows: Normals, of any length, shape (M, 3).
         bounds: Right-hand sides, shape (M,).
-        count: How many of them count.
+        count: Number of half-spaces to use.
         limit: Bound of each component.
         target: The desired control, shape (3,).
-        settle: True: where not all rows can be met, find the least-violating control; False: `out` has no meaning then.
+        settle: If not all rows can be satisfied, True: find the least-violating control; False: `out` has no meaning.
         out: Receives the control, shape (3,).
-        missed: Receives the rows that are broken, shape (M,).
+        missed: Receives the rows that are violated, shape (M,).
         p: Workspace.
 
     Returns:
-        True where all rows can be met.
+        True if all rows can be satisfied.
     """
     a, c, size = p.a, p.c, p.size
     write_box(a, c, limit)
@@ -171,7 +171,7 @@ def nearest(
 def _least_violating(
     used: int, limit: float, target: FloatArray, out: FloatArray, p: ProjectionWorkspace
 ) -> None:  # fmt: skip
-    """Bisect for the smallest violation that is enough for every row, then take the control nearest to the target."""
+    """Find by bisection the smallest violation that all rows allow, and then the control nearest to the target."""
     a, c, size, work = p.a, p.c, p.size, p.point
     high = 0.0
     for i in range(6, used):

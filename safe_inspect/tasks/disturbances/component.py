@@ -1,4 +1,4 @@
-"""`BoundedDisturbance`: what disturbs deputies, their thrusters and their estimates, within bounds."""
+"""`BoundedDisturbance`: disturbs deputies, their thrusters and their state estimates within bounds."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 
 
 class BoundedDisturbance(DisturbanceBounds, Component):
-    """A disturbance that is drawn anew at every step, as the `disturbance` of a simulator.
+    """Disturbance that is sampled at every step, for use as the `disturbance` of a simulator.
 
-    The velocity is added at the end of a step. Thrusts are flown with their error; infos, rewards and the state's
-    ``control`` hold the commanded ones. Sensors of the own position and velocity, and safety filters, read the
-    estimates; rewards, done functions, metrics and scripted policies read the real state, unless they read a sensor.
-    Draws are functions of the seed, the slot, the episode and the step.
+    The velocity is added at the end of a step. Thrusts are applied with their error; infos, rewards and the state's
+    ``control`` contain the commanded thrusts. Sensors of the deputy's own position and velocity, and safety filters,
+    read the estimates. Rewards, done functions, metrics and scripted policies read the real state, unless they read a
+    sensor. Samples are functions of the seed, the slot, the episode and the step.
 
-    Arrays, where there is an estimation error: ``estimated_position`` [m] and ``estimated_velocity`` [m/s], Hill
-    frame, shape (N, D, 3).
+    Arrays, if there is an estimation error: ``estimated_position`` [m] and ``estimated_velocity`` [m/s], Hill frame,
+    shape (N, D, 3).
 
     Attributes:
         distribution: ``uniform`` within the bounds: velocities and estimation errors in balls, the thrust's gain and
@@ -33,7 +33,7 @@ class BoundedDisturbance(DisturbanceBounds, Component):
     distribution: Literal["uniform", "extreme"] = "uniform"
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return its own fields."""
+        """Return the fields of this plugin."""
         return self
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:

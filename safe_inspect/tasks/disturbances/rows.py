@@ -1,4 +1,4 @@
-"""The draws of a bounded disturbance, compiled."""
+"""Compiled sampling of a bounded disturbance."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from safe_inspect.compiling import njit
 from safe_inspect.random.balls import draw_in_ball, uniform_at
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
-#: Numbers of the draws of one deputy.
+#: Indices of the samples of one deputy.
 _DRAWS = 4
 _VELOCITY, _POSITION_ERROR, _VELOCITY_ERROR, _THRUST = range(_DRAWS)
 
 
 @njit
 def add_velocity(key: AnyArray, step: IntArray, bound: float, extreme: bool, velocity: FloatArray) -> None:
-    """Add a velocity within a bound [m/s] to that of each deputy, shape (N, D, 3)."""
+    """Add a random velocity within a bound [m/s] to the velocity of each deputy, shape (N, D, 3)."""
     for i in range(velocity.shape[0]):
         for j in range(velocity.shape[1]):
             w = draw_in_ball(key[i], step[i], _DRAWS * j + _VELOCITY, bound, extreme)
@@ -49,7 +49,7 @@ def turn_thrust(
         step: Steps since the reset, shape (N,).
         gain: Bound of the relative error of the size.
         direction: Bound of the angle [rad].
-        extreme: Whether the errors lie on their bounds; else they are uniform within them.
+        extreme: Whether the errors are on their bounds; otherwise they are uniform within them.
         control: Controls, shape (N, D, C), written in place.
     """
     for i in range(control.shape[0]):
@@ -67,7 +67,8 @@ def turn_thrust(
                 angle *= uniform_at(key[i], step[i], pick + 1)
             around = 2.0 * math.pi * uniform_at(key[i], step[i], pick + 2)
             x, y, z = x / size, y / size, z / size
-            # two directions across the thrust: one across the axis that it is farthest from, and their product
+            # Two directions perpendicular to the thrust: one perpendicular also to the axis that is farthest from the
+            # thrust, and their cross product.
             if abs(x) <= min(abs(y), abs(z)):
                 ax, ay, az = 0.0, z, -y
             elif abs(y) <= abs(z):

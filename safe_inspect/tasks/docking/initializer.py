@@ -1,4 +1,4 @@
-"""`Docking3DRadialInitializer`: where and how fast a docking starts."""
+"""`Docking3DRadialInitializer`: initial position and velocity of a docking."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from safe_inspect.units import PositiveAngularRate
 
 
 class Docking3DRadialInitializer(SpeedLimit, Initializer):
-    """Position in polar form, and a velocity whose size is a share of the docking speed limit at that range.
+    """Position in polar form, and a velocity whose size is a fraction of the docking speed limit at that range.
 
-    position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)], and the velocity likewise with the size
+    position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)]. The velocity has the same form with the size
     vel_max_ratio (velocity_threshold + slope n max(radius - threshold_distance, 0)). Hill frame.
 
     Returns:
@@ -36,7 +36,7 @@ class Docking3DRadialInitializer(SpeedLimit, Initializer):
     mean_motion: PositiveAngularRate = 0.001027
 
     def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
-        """Return the states of the drawn polar values."""
+        """Return the states for the sampled polar values."""
         beyond = np.maximum(values["radius"] - self.threshold_distance, 0.0)
         limit = self.velocity_threshold + self.slope * self.mean_motion * beyond
         speed = values["vel_max_ratio"] * limit

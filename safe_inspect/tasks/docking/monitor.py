@@ -1,4 +1,4 @@
-"""`SpeedLimitMonitor`: how well deputies keep the speed limit of docking."""
+"""`SpeedLimitMonitor`: measures how deputies comply with the speed limit of docking."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _watch(
     excess: FloatArray,
     count: IntArray,
 ) -> None:
-    """Take note of a step of N environments with D deputies; those that had ended before it count no more."""
+    """Evaluate a step of N environments with D deputies, except deputies that had ended before it."""
     origin = np.zeros(3)
     for n in range(excess.shape[0]):
         for d in range(excess.shape[1]):
@@ -43,15 +43,15 @@ def _watch(
 
 
 class SpeedLimitMonitor(SpeedLimit, Component):
-    """Largest excess over the speed limit of docking about the origin of Hill's frame, and steps that violate it.
+    """Largest excess over the speed limit of docking about the origin of Hill's frame, and number of violations.
 
-    Arrays, each of shape (N, D): ``speed_limit`` at the own range [m/s]; ``speed_limit_excess``, the largest of speed
-    minus limit at the ends of the steps and at the reset [m/s]; and ``speed_limit_violations``, the number of those
-    with a positive excess. Steps after an agent's end count no more.
+    Arrays, each of shape (N, D): ``speed_limit`` at the deputy's own range [m/s]; ``speed_limit_excess``, the largest
+    value of speed minus limit at the ends of the steps and at the reset [m/s]; and ``speed_limit_violations``, the
+    number of these with a positive excess. Steps after an agent's end do not count.
     """
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: the monitor does not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
@@ -92,10 +92,10 @@ class _RunningMonitor(RunningComponent):
 
 
 def _excess(view: View) -> FloatArray:
-    """Return the own largest excess so far [m/s], shape (R,)."""
+    """Return the largest excess of each agent so far [m/s], shape (R,)."""
     return view.per_agent(view.state[_EXCESS])
 
 
 def _count(view: View) -> IntArray:
-    """Return the number of own violations so far, shape (R,)."""
+    """Return the number of violations of each agent so far, shape (R,)."""
     return view.per_agent(view.state[_COUNT])

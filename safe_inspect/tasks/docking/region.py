@@ -1,4 +1,4 @@
-"""When a deputy reaches the docking region within a step, and how fast it then is, for one row."""
+"""Detection of a deputy that reaches the docking region within a step, and its speed then, for one row."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from safe_inspect.geometry.distance import distance
 from safe_inspect.tasks.docking.speed_limit import speed_excess
 from safe_inspect.types import FloatArray
 
-#: A deputy this near to the region counts as within it [m].
+#: A deputy within this distance of the region counts as inside [m].
 TOLERANCE = 1e-4
-#: What `docking_outcome` returns.
+#: Results of `docking_outcome`.
 OUTSIDE, DOCKED, TOO_FAST = 0, 1, 2
 
 
@@ -26,25 +26,25 @@ def entry_speed(
     reference: FloatArray,
     reference_velocity: FloatArray,
 ) -> float:
-    """Return the relative speed at which a deputy first is in a ball during a step [m/s]; -1: it never is.
+    """Return the relative speed at which a deputy first enters a ball during a step [m/s], or -1 if it does not.
 
     The path relative to the ball, whose velocity is constant, is the cubic with the positions and velocities of the two
     states; over 1 s of Clohessy-Wiltshire dynamics it differs from the true path by less than 1e-8 m. It is followed in
-    steps that cannot pass the ball: the gap over the largest speed of the cubic.
+    steps that cannot pass the ball: the gap divided by the largest speed of the cubic.
 
     Args:
         radius: Radius of the ball [m].
-        dt: Length of the step [s]; 0: only its end is looked at.
-        position_before: Position at the beginning of the step [m], shape (3,).
-        velocity_before: Velocity then [m/s], shape (3,).
-        position: Position at its end [m], shape (3,).
-        velocity: Velocity then [m/s], shape (3,).
+        dt: Length of the step [s]; 0: only the end of the step is checked.
+        position_before: Position at the start of the step [m], shape (3,).
+        velocity_before: Velocity at the start of the step [m/s], shape (3,).
+        position: Position at the end of the step [m], shape (3,).
+        velocity: Velocity at the end of the step [m/s], shape (3,).
         reference: Centre of the ball at the end of the step [m], shape (3,).
-        reference_velocity: Its velocity [m/s], shape (3,).
+        reference_velocity: Velocity of the ball [m/s], shape (3,).
     """
     end, end_speed = distance(position, reference), distance(velocity, reference_velocity)
     if dt > 0.0:
-        # Control points of the derivative of the cubic bound the speed: the velocities, and the one between them.
+        # The control points of the cubic's derivative bound the speed: the two velocities, and the one between them.
         middle = 0.0
         for k in range(3):
             moved = position[k] - position_before[k] - reference_velocity[k] * dt
@@ -68,7 +68,7 @@ def entry_speed(
             gap = math.sqrt(square) - radius
             if gap <= TOLERANCE:
                 return math.sqrt(speed)
-            if not gap <= fastest * (dt - elapsed):  # nor for what is not finite
+            if not gap <= fastest * (dt - elapsed):  # Also true for values that are not finite.
                 break
             elapsed += gap / fastest
     return end_speed if end <= radius else -1.0
@@ -84,16 +84,16 @@ def docking_outcome(
     reference: FloatArray,
     reference_velocity: FloatArray,
 ) -> int:
-    """Return `DOCKED` or `TOO_FAST` where a deputy reaches the docking region in a step, else `OUTSIDE`.
+    """Return `DOCKED` or `TOO_FAST` if a deputy reaches the docking region in a step, otherwise `OUTSIDE`.
 
     Args:
         rule: See `DockingRegion.rule`, shape (6,).
         position_before: As for `entry_speed`.
-        velocity_before: Likewise.
-        position: Likewise.
-        velocity: Likewise.
-        reference: Likewise.
-        reference_velocity: Likewise.
+        velocity_before: As for `entry_speed`.
+        position: As for `entry_speed`.
+        velocity: As for `entry_speed`.
+        reference: As for `entry_speed`.
+        reference_velocity: As for `entry_speed`.
     """
     radius = rule[4]
     speed = entry_speed(

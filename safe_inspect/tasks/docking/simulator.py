@@ -1,4 +1,4 @@
-"""`CWHSimulator`: deputies about a chief in Clohessy-Wiltshire dynamics, without points and sun."""
+"""`CWHSimulator`: deputies about a chief in Clohessy-Wiltshire dynamics, without points or a sun."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from safe_inspect.units import PositiveAngularRate
 
 
 class CWHSimulator(Simulator):
-    """Deputies about a chief in Clohessy-Wiltshire dynamics.
+    """Simulator of deputies about a chief in Clohessy-Wiltshire dynamics.
 
     It composes `ClohessyWiltshire` and `SpeedLimitMonitor`.
 
     Attributes:
         mean_motion: Mean motion of the chief's circular orbit [rad/s].
-        speed_limit: The speed limit that infos and tables are about.
+        speed_limit: The speed limit of infos and tables.
     """
 
     mean_motion: PositiveAngularRate = 0.001027

@@ -1,4 +1,4 @@
-"""The speed limit of docking: a line over the range, constant near the chief."""
+"""Speed limit of docking: a linear function of the range, constant near the chief."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def speed_limit(line: FloatArray, distance: float) -> float:
     """Return the speed limit at a range [m/s].
 
     Args:
-        line: Limit near the chief [m/s], the range up to which it holds [m], its slope beyond [1/s], and 1, or -1 where
-            the limit is a lower bound; shape (4,).
+        line: Limit near the chief [m/s], range up to which it is valid [m], slope beyond that range [1/s], and 1, or -1
+            if the limit is a lower bound; shape (4,).
         distance: The range [m].
     """
     limit: float = line[0] + line[2] * max(distance - line[1], 0.0)
@@ -28,22 +28,22 @@ def speed_limit(line: FloatArray, distance: float) -> float:
 
 @njit
 def speed_excess(line: FloatArray, distance: float, speed: float) -> float:
-    """Return by how much a speed violates the limit at a range [m/s], negative where it does not."""
+    """Return the amount by which a speed violates the limit at a range [m/s]; negative if it does not."""
     excess: float = line[3] * (speed - speed_limit(line, distance))
     return excess
 
 
 class SpeedLimit(Plugin):
-    """Fields of the plugins that know the speed limit of docking.
+    """Fields of the plugins that use the speed limit of docking.
 
         L(r) = velocity_threshold + slope n max(r - threshold_distance, 0)
 
     Attributes:
         velocity_threshold: Speed limit up to `threshold_distance` [m/s].
-        threshold_distance: Range up to which that limit holds [m].
-        slope: Slope beyond, in mean motions [-].
-        mean_motion: Mean motion n of the chief's orbit [rad/s]; the simulator's unless given.
-        lower_bound: True: a speed below the limit violates it.
+        threshold_distance: Range up to which that limit is valid [m].
+        slope: Slope beyond that range, as a multiple of the mean motion [-].
+        mean_motion: Mean motion n of the chief's orbit [rad/s]; by default, that of the simulator.
+        lower_bound: Whether the limit is a lower bound: a speed below it violates it.
     """
 
     velocity_threshold: NonNegativeSpeed = 0.2
@@ -63,55 +63,55 @@ class ReferenceSpeedLimit(SpeedLimit):
     """Fields of the plugins that test the speed relative to a reference against the limit.
 
     Attributes:
-        reference_position_sensor_name: Sensor of the reference's position; the origin of Hill's frame unless given.
-        reference_velocity_sensor_name: Sensor of the reference's velocity; at rest unless given.
+        reference_position_sensor_name: Sensor of the reference's position; by default, the origin of Hill's frame.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; by default, the reference is at rest.
     """
 
     reference_position_sensor_name: SensorName | None = None
     reference_velocity_sensor_name: SensorName | None = None
 
     def reference_inputs(self) -> tuple[RowInput, RowInput]:
-        """Return position and velocity of the reference after the step, as inputs of a row kernel."""
+        """Return the position and velocity of the reference after the step, as inputs of a row kernel."""
         return reference_inputs(self.reference_position_sensor_name, self.reference_velocity_sensor_name)
 
 
 class DockingRegion(ReferenceSpeedLimit):
-    """Fields of the plugins that test whether a deputy reaches the docking region, and how fast.
+    """Fields of the plugins that test whether a deputy reaches the docking region, and at which speed.
 
     Attributes:
         docking_region_radius: Radius of the region about the reference [m].
-        along_step: True: the region is looked for along the whole step, so that nothing passes it unseen, and the speed
-            is that at which it is reached. False: the end of the step counts alone, as for the peer.
+        along_step: True: the whole step is checked, so that a deputy cannot pass through the region undetected, and the
+            speed is that on reaching it. False: only the end of the step is checked, as in safe-autonomy-sims.
     """
 
     docking_region_radius: PositiveLength = 0.5
     along_step: bool = True
 
     def rule(self, world: World) -> FloatArray:
-        """Return the line of the speed limit, the radius [m], and the length of the step [s] or 0; shape (6,)."""
+        """Return the parameters of the speed limit, the radius [m], and the length of the step [s] or 0; shape (6,)."""
         return region_rule(self, world, self.docking_region_radius, self.along_step)
 
     def inputs(self) -> tuple[RowInput, ...]:
-        """Return what `docking_outcome` takes after the rule."""
+        """Return the inputs of `docking_outcome` after the rule."""
         return *own_motion(before=True), *own_motion(), *self.reference_inputs()
 
 
 def region_rule(limit: SpeedLimit, world: World, radius: float, along_step: bool) -> FloatArray:
-    """Return what `docking_outcome` takes as its rule; see `DockingRegion.rule`."""
+    """Return the rule for `docking_outcome`; see `DockingRegion.rule`."""
     return np.concatenate([limit.limit_line(world), [radius, world.step_size if along_step else 0.0]])
 
 
 def own_motion(before: bool = False) -> tuple[RowInput, RowInput]:
-    """Return the own position and velocity, as inputs of a row kernel.
+    """Return the deputy's own position and velocity, as inputs of a row kernel.
 
     Args:
-        before: Whether those before the step are read.
+        before: Whether to read the values before the step.
     """
     return OwnArray("position", before), OwnArray("velocity", before)
 
 
 def reference_inputs(position_sensor: str | None, velocity_sensor: str | None) -> tuple[RowInput, RowInput]:
-    """Return position and velocity of a reference after the step; the origin, at rest, without sensors."""
+    """Return the position and velocity of a reference after the step; without sensors, the origin, at rest."""
     position, velocity = (
         np.zeros(3) if name is None else SensorReading(name) for name in (position_sensor, velocity_sensor)
     )

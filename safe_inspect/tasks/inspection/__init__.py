@@ -1,1 +1,1 @@
-"""Inspection: points on bodies that deputies see in the light of the sun, and the price of fuel."""
+"""Inspection: points on bodies that deputies see in sunlight, and the price of fuel."""

@@ -1,4 +1,4 @@
-"""Cameras that turn with their deputies: which points they see in the light, compiled."""
+"""Cameras that rotate with their deputies: which lit points they see, compiled."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from safe_inspect.types import BoolArray, FloatArray
 
 
 class ConeCamera(NamedTuple):
-    """A camera with a cone of view, whose tip is the deputy's centre.
+    """Camera with a cone of view, whose apex is the deputy's centre.
 
     Attributes:
         axis: Unit vector of the cone's axis in body axes.
-        half_angle: Half the full angle of the cone [rad]; pi or more sees to all sides.
+        half_angle: Half the full angle of the cone [rad]; with pi or more, the camera sees in all directions.
     """
 
     axis: Components
@@ -52,21 +52,21 @@ def inspect_by_camera(
     credit: Credit,
     scores: Scores,
 ) -> None:
-    """Give each point that a camera sees and the sun lights to the first deputy that sees it, and sum the weights.
+    """Credit each lit point that a camera sees to the first deputy that sees it, and sum the weights.
 
-    A point q is seen from p when it is above the horizon, ``q . p >= R^2``, and the angle at the deputy between q and
-    the camera's axis is at most half the cone's.
+    A point q is visible from p if it is above the horizon, ``q . p >= R^2``, and the angle at the deputy between q and
+    the camera's axis is at most half that of the cone.
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
-        orientation: Their attitudes, shape (N, B, 4).
+        orientation: Attitudes of the bodies, shape (N, B, 4).
         body: Index of the body that carries the points.
         camera: The camera of every deputy.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
         active: Whether a deputy's sensor works, shape (N, D).
-        credit: Who inspected what; read and written.
-        scores: What it weighs; read and written.
+        credit: Which deputy inspected each point; read and written.
+        scores: Weights of the inspected points; read and written.
     """
     radius, count = surface.radius, surface.points.shape[0]
     axes, bright = point_axes(surface.points), np.empty(count, dtype=np.bool_)
@@ -87,9 +87,9 @@ def inspect_by_camera(
             distance = math.sqrt(square)
             cosine = -(look[0] * vx + look[1] * vy + look[2] * vz) / distance
             away, outline = math.acos(min(max(cosine, -1.0), 1.0)), math.asin(radius / distance)
-            if away - outline > camera.half_angle:  # the body is outside of the cone
+            if away - outline > camera.half_angle:  # The body is entirely outside the cone.
                 continue
-            whole = away + outline <= camera.half_angle  # all of it is inside
+            whole = away + outline <= camera.half_angle  # The body is entirely inside the cone.
             light_row(viewer, sun[n], axes, radius, surface.light, bright)
             for p in range(count):
                 if inspector[n, p] >= 0 or not bright[p] or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:

@@ -1,4 +1,4 @@
-"""When an inspection is complete, and whether coasting on is safe then."""
+"""Completion of an inspection, and whether coasting is safe afterwards."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray,
 from safe_inspect.simulators.world import World
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
 
-#: A summed weight of inspected points that is enough, in (0, 1]; None: all points.
+#: Summed weight of inspected points that completes an inspection, in (0, 1]; None: all points are required.
 WeightThreshold = Annotated[float | None, Field(gt=0, le=1)]
 
 
 def completion(world: World, entity: str, weight_threshold: float | None) -> tuple[RowInput, RowInput]:
-    """Return the limit of what is inspected and what is inspected, as inputs of a row kernel.
+    """Return the required and the present amount of inspection, as inputs of a row kernel.
 
     Args:
-        world: What does not change.
+        world: The constant data of the simulation.
         entity: The body that carries the points.
-        weight_threshold: The summed weight that is enough; None: all points.
+        weight_threshold: The summed weight that is required; None: all points.
     """
     if weight_threshold is None:
         return float(world.points[entity].num_points), EnvironmentArray(f"points/{entity}/team_count")
@@ -31,14 +31,14 @@ def completion(world: World, entity: str, weight_threshold: float | None) -> tup
 
 
 class PassiveSafety(Plugin):
-    """Fields of the plugins that ask whether a deputy that coasts for an orbit stays away from the origin.
+    """Fields of the plugins that test whether a deputy that coasts for an orbit stays away from the origin.
 
-    The least range is that of the closed-form motion at all times; see `least_coasting_range`.
+    The least range is that of the closed-form motion over all times; see `least_coasting_range`.
 
     Attributes:
         crash_region_radius: Smallest range [m].
-        mean_motion: Mean motion of the chief's orbit [rad/s]; the simulator's unless given.
-        fft_time_step: The peer's key, the step of its grid of times [s]; without effect, as all times are tested.
+        mean_motion: Mean motion of the chief's orbit [rad/s]; by default, that of the simulator.
+        fft_time_step: Key of safe-autonomy-sims, the step of its grid of times [s]; no effect, all times are tested.
     """
 
     crash_region_radius: PositiveLength = 10.0
@@ -46,7 +46,7 @@ class PassiveSafety(Plugin):
     fft_time_step: PositiveDuration = 1.0
 
     def coasting_inputs(self, world: World) -> tuple[float, float, Any, Any, Any]:
-        """Return mean motion, smallest range, and the inputs of `least_coasting_range` but the last."""
+        """Return mean motion, smallest range, and the inputs of `least_coasting_range` except the last."""
         n = float(world.mean_motion if self.mean_motion is None else self.mean_motion)
         table = grid(n, 2.0 * math.pi / n)
         return n, self.crash_region_radius, OwnArray("position"), OwnArray("velocity"), table

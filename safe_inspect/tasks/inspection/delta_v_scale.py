@@ -1,4 +1,4 @@
-"""The adaptive scale of the delta-v reward: fuel costs more once the inspection works."""
+"""Adaptive scale of the delta-v reward: fuel costs more once the inspection succeeds."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class DeltaVSchedule:
-    """How the scale moves.
+    """Rule by which the scale changes.
 
     Attributes:
-        start: Scale at the beginning.
+        start: Initial scale.
         bounds: Smallest and largest scale (both negative: a cost).
-        change: What is added when the inspection works (negative: the cost rises).
+        change: Value added when the inspection succeeds (negative: the cost increases).
         steps_until_update: Steps between two updates.
-        fractions: At or below the first mean inspected fraction the scale moves back, at or above the second it
-            moves on.
+        fractions: If the mean inspected fraction is at most the first value, `change` is subtracted; if it is at least
+            the second, it is added.
     """
 
     start: float
@@ -31,11 +31,11 @@ class DeltaVSchedule:
 
 
 class DeltaVScale:
-    """The scale of each environment slot; it lives through resets.
+    """Scale of each environment slot, which is kept through resets.
 
-    Every slot counts its own steps and averages the inspected fraction at the end of its own episodes, so the scale
-    depends neither on the size of the batch nor on the number of workers. An interval in which no episode ended
-    changes nothing, and an episode that is abandoned by a reset does not count.
+    Every slot counts its own steps and averages the inspected fraction at the end of its episodes, so the scale
+    depends neither on the batch size nor on the number of workers. An interval in which no episode ended changes
+    nothing, and an episode that is abandoned by a reset does not count.
     """
 
     def __init__(self, schedule: DeltaVSchedule, num_envs: int) -> None:
@@ -47,7 +47,7 @@ class DeltaVScale:
         self._calls_until_due = schedule.steps_until_update
 
     def state_dict(self) -> dict[str, AnyArray]:
-        """Return copies of all that it keeps, each of shape (N,), for a checkpoint."""
+        """Return copies of the complete state, each of shape (N,), for a checkpoint."""
         return {
             "scale": self.scale.copy(),
             "steps": self._steps.copy(),
@@ -56,7 +56,7 @@ class DeltaVScale:
         }
 
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
-        """Go on from what `state_dict` returned; with another number of slots each takes the mean scale."""
+        """Continue from the result of `state_dict`; if the number of slots differs, each slot gets the mean scale."""
         if len(state["scale"]) != len(self.scale):
             self.scale[:] = np.clip(np.mean(state["scale"]), *self._schedule.bounds)
             return
@@ -65,29 +65,29 @@ class DeltaVScale:
         self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def take(self, rows: IntArray) -> DeltaVScale:
-        """Return the scale of some slots alone."""
+        """Return a copy for some slots only."""
         part = DeltaVScale(self._schedule, len(rows))
         part.load_state_dict({name: array[rows] for name, array in self.state_dict().items()})
         return part
 
     def put(self, rows: IntArray, other: DeltaVScale) -> None:
-        """Overwrite some slots, shape (R,), with the first R of another."""
+        """Overwrite some slots, shape (R,), with the first R slots of another object."""
         count = len(rows)
         self.scale[rows], self._steps[rows] = other.scale[:count], other._steps[:count]
         self._sum[rows], self._episodes[rows] = other._sum[:count], other._episodes[:count]
         self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
-        """Take note of finished episodes: their slots and inspected fractions."""
+        """Record ended episodes by their slots and inspected fractions."""
         self._sum[rows] += fraction
         self._episodes[rows] += 1
 
     def advance(self, running: BoolArray) -> None:
-        """Count one step of the slots whose episode runs, and update those whose interval is over."""
+        """Count one step of the slots whose episode is running, and update the slots whose interval has ended."""
         schedule = self._schedule
         self._steps += running
         self._calls_until_due -= 1
-        if self._calls_until_due > 0:  # no slot can have come so far
+        if self._calls_until_due > 0:  # No slot can be due yet.
             return
         due: BoolArray = self._steps >= schedule.steps_until_update
         mean = self._sum / np.maximum(self._episodes, 1)

@@ -1,4 +1,4 @@
-"""`FuelPriceSchedule`: fuel costs more once the inspection works."""
+"""`FuelPriceSchedule`: makes fuel more expensive once the inspection succeeds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SCALE = "delta_v_scale"
 
 
 class FuelPriceSchedule(Component):
-    """A scale of the delta-v reward for each environment slot, which lives through resets; see `DeltaVScale`.
+    """Scale of the delta-v reward for each environment slot, which is kept through resets; see `DeltaVScale`.
 
     Array: ``delta_v_scale`` [1/(m/s)], shape (N,).
 
@@ -29,10 +29,10 @@ class FuelPriceSchedule(Component):
         steps_until_update: Steps of a slot between two updates of its scale.
         delta_v_scale_bounds: Smallest and largest scale [1/(m/s)]; it starts at the largest.
         delta_v_scale_step: Change of the scale at an update.
-        inspected_points_update_bounds: The scale moves back when the mean inspected fraction at the end of an
-            episode is at most the first, and on when it is at least the second.
-        delta_v_updater_criteria: What moves the scale: ``count``, the inspected fraction of the points, or ``score``,
-            the summed weight of the inspected points.
+        inspected_points_update_bounds: The step is subtracted from the scale if the mean inspected fraction at the end
+            of an episode is at most the first value, and added if it is at least the second.
+        delta_v_updater_criteria: Quantity that is compared: ``count``, the inspected fraction of the points, or
+            ``score``, the summed weight of the inspected points.
     """
 
     steps_until_update: int = Field(default=1500, ge=1)
@@ -48,7 +48,7 @@ class FuelPriceSchedule(Component):
         return self
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: the schedule does not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:

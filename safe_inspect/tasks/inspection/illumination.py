@@ -1,4 +1,4 @@
-"""Configuration of the sun's light and of how the chief reflects it."""
+"""Configuration of the sunlight and of its reflection by the chief."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate
 
 
 class LightProperties(BaseModel):
-    """Intensity of the sun's light by red, green and blue [-]."""
+    """Intensity of the sunlight by red, green and blue [-]."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -19,14 +19,14 @@ class LightProperties(BaseModel):
 
 
 class SurfaceProperties(BaseModel):
-    """How the chief's surface reflects light, by red, green and blue [-].
+    """Reflection of light by the chief's surface, by red, green and blue [-].
 
     Attributes:
-        ambient: Share of the ambient light.
-        diffuse: Share that is scattered.
-        specular: Share that is mirrored.
+        ambient: Fraction of the ambient light.
+        diffuse: Fraction that is scattered.
+        specular: Fraction that is mirrored.
         shininess: Sharpness of the highlight; the exponent is a quarter of it.
-        reflection: Share that would go on to other surfaces; a lone sphere has none, so it has no effect.
+        reflection: Fraction reflected to other surfaces; no effect, because a single sphere has none.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -39,26 +39,27 @@ class SurfaceProperties(BaseModel):
 
 
 class IlluminationParams(BaseModel):
-    """The sun and its light.
+    """Properties of the sun and its light.
 
     Attributes:
         mean_motion: Rate of the sun's angle [rad/s].
         avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel for every purpose.
         light_properties: Colour of the light.
         chief_properties: Colour of the chief's surface.
-        bin_ray_flag: True: a point is lit or dark (its ray to the sun is free or not). False: Blinn-Phong colour.
-        ray_offset: Height above the surface at which the ray to the sun starts [m]. 0 is exact; the peer uses 1e-5.
+        bin_ray_flag: True: a point is lit if its ray to the sun is free, and dark otherwise. False: Blinn-Phong colour.
+        ray_offset: Height above the surface at which the ray to the sun starts [m]. 0 is exact; safe-autonomy-sims
+            uses 1e-5.
         resolution: Pixels of the camera; recorded, without effect on the simulation.
         focal_length: Focal length of the camera [m]; recorded, without effect on the simulation.
         pixel_pitch: Pixel pitch of the camera [m]; recorded, without effect on the simulation.
-        render_flag_3d: Must be false: the simulator draws nothing, `safe_inspect.evaluation` does.
-        render_flag_subplots: Must be false, likewise.
+        render_flag_3d: Must be false: the simulator does not render; use `safe_inspect.evaluation` instead.
+        render_flag_subplots: Must be false, for the same reason.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     mean_motion: PositiveAngularRate = 0.001027
-    avg_rad_Earth2Sun: Length = 150e9  # noqa: N815 - the peer's key
+    avg_rad_Earth2Sun: Length = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True
@@ -70,7 +71,7 @@ class IlluminationParams(BaseModel):
     render_flag_subplots: bool = False
 
     def light(self, radius: float) -> Light:
-        """Return the light on a sphere of that radius [m]."""
+        """Return the light on a sphere of the given radius [m]."""
         if self.bin_ray_flag:
             return binary_light(radius, self.ray_offset)
         sun, chief = self.light_properties, self.chief_properties
@@ -89,5 +90,5 @@ class IlluminationParams(BaseModel):
     @model_validator(mode="after")
     def _no_rendering(self) -> IlluminationParams:
         if self.render_flag_3d or self.render_flag_subplots:
-            raise ValueError("the simulator draws nothing; set the render flags to False and plot recorded episodes")
+            raise ValueError("the simulator does not render; set the render flags to False and plot recorded episodes")
         return self

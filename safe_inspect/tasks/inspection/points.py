@@ -1,4 +1,4 @@
-"""`InspectionPoints`: points on bodies that deputies inspect when they see them in the light."""
+"""`InspectionPoints`: points on bodies that deputies inspect when they see them lit."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ PRIORITY = "priority_vector"
 
 
 class SpherePoints(BaseModel):
-    """The points on a body that are to be inspected.
+    """Points on a body that are to be inspected.
 
     Attributes:
-        num_points: Number of points asked for. ``cmu`` rounds it to whole rings, ``fibonacci`` gives exactly it.
+        num_points: Number of points. ``cmu`` rounds it to whole rings, ``fibonacci`` returns exactly this number.
         radius: Radius of the sphere that carries them [m].
         points_algorithm: ``fibonacci`` (a golden-angle lattice) or ``cmu`` (Deserno's rings of equal area).
     """
@@ -55,22 +55,24 @@ class SpherePoints(BaseModel):
 
 
 class InspectionPoints(Component):
-    """Points on bodies, inspected for good once a deputy's camera sees them lit, credited to the first in agent order.
+    """Points on bodies, each inspected as soon as a deputy's camera sees it lit.
 
-    Arrays: ``state.points[body]``, see `PointsModel.arrays`, and ``priority_vector`` [-], shape (N, 3), zeros where
-    there is none. Views offer ``points(body)``, a `PointsView`.
-    The component ``Sun`` stands before it. Where a reset gives a priority vector, the points are weighted by their
-    angle from the direction opposite to it. Points and priority vector are in the axes of their body, which are Hill's
-    unless `ChiefRotation` turns it.
+    A point remains inspected. It is credited to the first deputy that sees it, in the order of agents.
+
+    Arrays: ``state.points[body]``, see `PointsModel.arrays`, and ``priority_vector`` [-], shape (N, 3), zeros if there
+    is none. Views offer ``points(body)``, a `PointsView`.
+    The component ``Sun`` must come before this one. If a reset provides a priority vector, the points are weighted by
+    their angle from the direction opposite to it. Points and priority vector are in the axes of their body, which are
+    Hill's unless `ChiefRotation` rotates it.
 
     Attributes:
         inspection_points_map: Points by the body that carries them.
-        illumination_params: The sun's light; None: every point is lit at all times.
+        illumination_params: The sunlight; None: every point is lit at all times.
         field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
-        sensor_fov: Full angle of the cone of a camera that turns with the deputy [rad]; 2 pi sees to all sides. None:
-            the camera points to the body's centre, see `field_of_view`.
+        sensor_fov: Full angle of the cone of a camera that rotates with the deputy [rad]; with 2 pi, it sees in all
+            directions. None: the camera points to the body's centre, see `field_of_view`.
         initial_sensor_unit_vec: Axis of that camera in body axes; any length.
-        report_score: Whether infos and tables have the summed weight of the inspected points too.
+        report_score: Whether infos and tables also contain the summed weight of the inspected points.
     """
 
     parameters: ClassVar[Mapping[str, str]] = {_AZIMUTH: "rad", _ELEVATION: "rad"}
@@ -96,21 +98,21 @@ class InspectionPoints(Component):
 
     @property
     def radii(self) -> Mapping[str, float]:
-        """The radius of each sphere that carries points [m]."""
+        """Radius of each sphere that carries points [m]."""
         return {name: sphere.radius for name, sphere in self.inspection_points_map.items()}
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: points do not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running points.
 
         Raises:
-            ValueError: There is no sun before them.
+            ValueError: There is no sun before this component.
         """
         if "sun_direction" not in world.offers.view:
-            raise ValueError("InspectionPoints stands after Sun; put Sun before it in `components`")
+            raise ValueError("InspectionPoints must come after Sun; put Sun before it in `components`")
         light = self.illumination_params
         models = {
             name: PointsModel(
@@ -131,13 +133,13 @@ class InspectionPoints(Component):
 
 
 def check_field_of_view(angle: float) -> float:
-    """Return a field of view [rad].
+    """Return a field of view [rad] after checking it.
 
     Raises:
-        ValueError: It is no full angle of a cone.
+        ValueError: It is not a full angle of a cone.
     """
     if not 0.0 < angle <= math.pi:
-        raise ValueError(f"`field_of_view` is a full angle in (0, pi], not {angle} rad")
+        raise ValueError(f"`field_of_view` must be a full angle in (0, pi], not {angle} rad")
     return angle
 
 
@@ -185,7 +187,7 @@ class _RunningPoints(RunningComponent):
             points = bodies[model.entity]
             found["inspected_count"] = found.get("inspected_count", 0) + view.per_environment(points.team_count)
             found["own_inspected_count"] = found.get("own_inspected_count", 0) + view.per_agent(points.own_count)
-            if self._report_score:  # of several bodies: the mean
+            if self._report_score:  # The mean over all bodies.
                 share = 1.0 / len(self._models)
                 team, own = view.per_environment(points.team_score), view.per_agent(points.own_score)
                 found["inspected_score"] = found.get("inspected_score", 0.0) + share * team
@@ -209,7 +211,7 @@ class _RunningPoints(RunningComponent):
         return found
 
     def _look(self, state: State) -> None:
-        """Inspect what is in view and lit."""
+        """Mark the points that are in view and lit as inspected."""
         if len(self._active) < state.num_envs:
             self._active = np.ones((state.num_envs, self._num_deputies), dtype=np.bool_)
         for model in self._models.values():
@@ -236,11 +238,12 @@ class _RunningPoints(RunningComponent):
         return found
 
     def _weigh(self, state: State, values: Mapping[str, Any]) -> None:
-        """Weigh the points by their angle from the direction opposite to the priority vector, if there is one."""
+        """Weight the points by their angle from the direction opposite to the priority vector, if there is one."""
         if any(name not in values for name in (_AZIMUTH, _ELEVATION)):
             return
         azimuth, elevation = values[_AZIMUTH], values[_ELEVATION]
-        if (azimuth == azimuth[:1]).all() and (elevation == elevation[:1]).all():  # as a rule: one row stands for all
+        # Usually all rows are equal, and one row is enough.
+        if (azimuth == azimuth[:1]).all() and (elevation == elevation[:1]).all():
             azimuth, elevation = azimuth[:1], elevation[:1]
         priority = np.stack(
             (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1

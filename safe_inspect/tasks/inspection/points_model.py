@@ -1,4 +1,4 @@
-"""`PointsModel`: what does not change of one body's inspection points."""
+"""`PointsModel`: the constant data of one body's inspection points."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class PointsModel:
-    """The inspection points of one body.
+    """Inspection points of one body.
 
     Attributes:
         entity: Name of the body.
         body: Index of the body in the state's body axis.
         points: Positions relative to the body's centre [m], in its axes, shape (P, 3).
         radius: Radius of the sphere that carries them [m].
-        light: The rule of light, for the compiled kernels.
+        light: The light model, for the compiled kernels.
     """
 
     entity: str
@@ -33,7 +33,7 @@ class PointsModel:
 
     @cached_property
     def surface(self) -> Surface:
-        """Points, radius and light in the form that the compiled kernels take."""
+        """Points, radius and light in the form used by the compiled kernels."""
         return Surface(self.points, self.radius, self.light)
 
     @property
@@ -42,7 +42,7 @@ class PointsModel:
         return len(self.points)
 
     def arrays(self, num_deputies: int) -> Mapping[str, ArraySpec]:
-        """Return the arrays of a state that hold what has been inspected, ``state.points[entity]``.
+        """Return the arrays of a state that record the inspection, ``state.points[entity]``.
 
         ``inspector``: index of the deputy that first inspected each point, -1 for none, int8, shape (N, P).
         ``team_count``: points inspected by all deputies, shape (N,).
@@ -63,7 +63,7 @@ class PointsModel:
         return {f"points/{self.entity}/{name}": spec for name, spec in specs.items()}
 
     def lit(self, viewer: FloatArray, sun: FloatArray) -> BoolArray:
-        """Return which points are lit well enough to be inspected, shape (R, P).
+        """Return the mask of the points that are lit well enough to be inspected, shape (R, P).
 
         Args:
             viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).
@@ -72,7 +72,7 @@ class PointsModel:
         return lit(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light)
 
     def candidates(self, viewer: FloatArray, sun: FloatArray, inspector: AnyArray) -> BoolArray:
-        """Return which points are lit well enough and not inspected, shape (R, P).
+        """Return the mask of the points that are lit well enough and not inspected, shape (R, P).
 
         Args:
             viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).

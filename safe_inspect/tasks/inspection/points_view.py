@@ -16,7 +16,7 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 class PointsView:
-    """The inspection points of one body, as the agents of a group see them. The arrays are read-only."""
+    """Inspection points of one body, for the agents of a group. The arrays are read-only."""
 
     def __init__(self, view: View, model: PointsModel) -> None:
         self._view = view
@@ -49,7 +49,7 @@ class PointsView:
         return self.count / self.num_points
 
     def count_of(self, platform: str | None = None) -> IntArray:
-        """Return the number of points first inspected by one deputy (the agent's own by default), shape (R,)."""
+        """Return the number of points first inspected by one deputy, by default the agent's own, shape (R,)."""
         if platform is None:
             return self._view.per_agent(self._state.own_count)
         return self._view.per_environment(self._state.own_count[:, self._view.world.bodies[platform]])
@@ -65,19 +65,19 @@ class PointsView:
         return self._view.per_environment(self._state.team_score)
 
     def score_of(self, platform: str | None = None) -> FloatArray:
-        """Return the summed weight of the points first inspected by one deputy (the own by default), shape (R,)."""
+        """Return the summed weight of the points first inspected by one deputy, by default the own one, shape (R,)."""
         if platform is None:
             return self._view.per_agent(self._state.own_score)
         return self._view.per_environment(self._state.own_score[:, self._view.world.bodies[platform]])
 
     @cached_property
     def lit(self) -> BoolArray:
-        """Points that the sun lights well enough for an inspection from the own position, shape (R, P)."""
+        """Points that are lit well enough for an inspection from the agent's own position, shape (R, P)."""
         return read_only(self.model.lit(self._viewer, self._sun))
 
     @property
     def candidates(self) -> BoolArray:
-        """Points that are lit, seen from the own position, and that no deputy has inspected, shape (R, P)."""
+        """Points that are lit, seen from the agent's own position, and not inspected by any deputy, shape (R, P)."""
         inspector = self._view.writable.points[self.model.entity].inspector
         return self.model.candidates(self._viewer, self._sun, self._view.per_environment(inspector))
 
@@ -96,7 +96,7 @@ class PointsView:
 
 @dataclass(frozen=True)
 class PointsOf:
-    """The inspection points in one state by the body that carries them."""
+    """Inspection points in one state, by the body that carries them."""
 
     view: View
 
@@ -110,7 +110,7 @@ class PointsOf:
 
 @dataclass(frozen=True)
 class NewPoints:
-    """The points that were first inspected in a step."""
+    """Points that were first inspected in a step."""
 
     step: Step
 

@@ -1,4 +1,4 @@
-"""`ChiefRotation`: a body with inspection points that turns at a constant rate."""
+"""`ChiefRotation`: a body with inspection points that rotates at a constant rate."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
 
 
 class BodyAxes(NamedTuple):
-    """What N environments hold about a rotating body, and what its axes see of bodies and sun.
+    """Data of N environments on a rotating body, and the other bodies and the sun in its axes.
 
     Attributes:
-        angle: Angle turned since the reset, not wrapped [rad], shape (N,).
+        angle: Angle of rotation since the reset, not wrapped [rad], shape (N,).
         orientation: Attitude of the body, from its axes to Hill's frame, shape (N, 4).
         position: Positions of the bodies relative to it, in its axes [m], shape (N, B, 3).
         sun: Unit vectors to the sun in its axes [-], shape (N, 3).
-        attitude: Attitudes of the bodies from their axes to its own, shape (N, B, 4); of points, shape (N, 0, 4).
+        attitude: Attitudes of the bodies, from their axes to its axes, shape (N, B, 4); (N, 0, 4) if they are points.
     """
 
     angle: FloatArray
@@ -53,16 +53,16 @@ def turn_body(
     attitude: FloatArray,
     axes: BodyAxes,
 ) -> None:
-    """Turn a body about an axis of Hill's frame, and write what its axes see.
+    """Rotate a body about an axis of Hill's frame, and write the bodies and the sun in its axes.
 
     Args:
-        turn: Angle that is added [rad].
+        turn: Angle to add [rad].
         axis: Unit vector of the axis.
         body: Index of the body.
         position: Positions of the bodies, Hill frame [m], shape (N, B, 3).
         sun: Unit vectors to the sun, Hill frame [-], shape (N, 3).
-        attitude: Attitudes of the bodies to Hill's frame, shape (N, B, 4); of points, shape (N, 0, 4).
-        axes: Read and written.
+        attitude: Attitudes of the bodies to Hill's frame, shape (N, B, 4); (N, 0, 4) if they are points.
+        axes: Data in the axes of the body, read and written.
     """
     for n in range(axes.angle.shape[0]):
         axes.angle[n] += turn
@@ -79,7 +79,7 @@ def turn_body(
         seen = rotated_back(q, sun[n, 0], sun[n, 1], sun[n, 2])
         for k in range(3):
             axes.sun[n, k] = seen[k]
-        for b in range(attitude.shape[1]):  # conjugate of q times the attitude
+        for b in range(attitude.shape[1]):  # Conjugate of q times the attitude.
             a = attitude[n, b]
             axes.attitude[n, b, 0] = w * a[0] - x * a[3] - y * a[2] + z * a[1]
             axes.attitude[n, b, 1] = w * a[1] + x * a[2] - y * a[3] - z * a[0]
@@ -96,15 +96,15 @@ def turned_direction_to_nearest(
     count: int,
     direction: FloatArray,
 ) -> None:
-    """Do `direction_to_nearest` in the axes of a body that rotates, and write the direction in Hill's frame.
+    """Call `direction_to_nearest` in the axes of a rotating body, and write the direction in Hill's frame.
 
     Args:
         orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
-        viewer: As in `direction_to_nearest`, like the others, in the body's axes.
-        body: As there.
-        centres: As there.
-        count: As there.
-        direction: Takes the direction [-], Hill frame, shape (3,).
+        viewer: As in `direction_to_nearest`, in the body's axes.
+        body: As in `direction_to_nearest`, in the body's axes.
+        centres: As in `direction_to_nearest`, in the body's axes.
+        count: As in `direction_to_nearest`.
+        direction: Receives the direction [-], Hill frame, shape (3,).
     """
     direction_to_nearest(viewer, body, centres, count, direction)
     turned = rotated(orientation, direction[0], direction[1], direction[2])
@@ -113,33 +113,33 @@ def turned_direction_to_nearest(
 
 
 def array_in_axes_of(entity: str, world: World, name: str) -> str:
-    """Return the array that holds ``position``, ``sun_direction`` or ``orientation`` as the axes of a body see it.
+    """Return the name of the array of ``position``, ``sun_direction`` or ``orientation`` in the axes of a body.
 
     Args:
-        entity: Name of the body; the axes of one that does not rotate are Hill's.
-        world: What does not change.
+        entity: Name of the body; the axes of a body that does not rotate are Hill's.
+        world: The constant data of the simulation.
         name: Name of the array in Hill's frame.
     """
     return f"axes/{entity}/{name}" if entity == rotating_body(world) else name
 
 
 def rotating_body(world: World) -> str | None:
-    """Return the name of the body that rotates, None where there is none."""
+    """Return the name of the rotating body, or None if there is none."""
     found: str | None = world.offers.world.get("rotating_body")
     return found
 
 
 class ChiefRotation(Component):
-    """A body that rotates at a constant angular velocity; its points, normals and priority vector turn with it.
+    """Body that rotates at a constant angular velocity; its points, normals and priority vector rotate with it.
 
-    Its axes are Hill's at the reset. The peer's chief outside of CoRL rests in inertial space: ``[0, 0, -n]`` with the
-    mean motion n. Arrays: ``chief_angle``, not wrapped [rad], shape (N,), ``chief_orientation``, the attitude from the
-    body's axes to Hill's frame [x, y, z, w], shape (N, 4), and what the body's axes see of all bodies and of the sun.
-    The component ``Sun`` stands before it, `InspectionPoints` after it.
+    Its axes are Hill's at the reset. In safe-autonomy-sims outside of CoRL, the chief does not rotate in inertial
+    space: ``[0, 0, -n]`` with the mean motion n. Arrays: ``chief_angle``, not wrapped [rad], shape (N,),
+    ``chief_orientation``, the attitude from the body's axes to Hill's frame [x, y, z, w], shape (N, 4), and all bodies
+    and the sun in the body's axes. The component ``Sun`` must come before this one, `InspectionPoints` after it.
 
     Attributes:
         entity_name: The body.
-        angular_velocity: Angular velocity against Hill's frame, along Hill's axes [rad/s]; not zero.
+        angular_velocity: Angular velocity relative to Hill's frame, along Hill's axes [rad/s]; not zero.
     """
 
     entity_name: EntityName = "chief"
@@ -149,22 +149,22 @@ class ChiefRotation(Component):
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The body that rotates."""
+        """The rotating body."""
         return (self.entity_name,)
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: the rotation does not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running rotation.
 
         Raises:
-            ValueError: Another component stands where it must not.
+            ValueError: The order of the components is wrong.
         """
         if "sun_direction" not in world.offers.view or "points" in world.offers.world:
             raise ValueError(
-                "ChiefRotation stands after Sun and before InspectionPoints; change the order of `components`"
+                "ChiefRotation must come after Sun and before InspectionPoints; change the order of `components`"
             )
         rate = math.hypot(*self.angular_velocity)
         x, y, z = (component / rate for component in self.angular_velocity)

@@ -23,30 +23,30 @@ from safe_inspect.units import Angle, AngularRate, ConeOfView, PositiveAngularRa
 
 
 class InspectionSimulator(Simulator):
-    """One chief, its points, the sun, and deputies that look at the chief.
+    """Simulator of one chief with points, the sun, and deputies that inspect the chief.
 
-    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`, for a chief that turns also
-    `ChiefRotation`. With platforms that turn
-    (``platform: six-dof``) the dynamics are `ClohessyWiltshireAttitude`, and the camera turns with the deputy.
+    It composes `ClohessyWiltshire`, `Sun`, `InspectionPoints` and `FuelPriceSchedule`, and `ChiefRotation` for a
+    rotating chief. With platforms that rotate (``platform: six-dof``), the dynamics are `ClohessyWiltshireAttitude`,
+    and the camera rotates with the deputy.
 
     Attributes:
         inspection_points_map: Points by the body that carries them.
-        illumination_params: The sun's light; None: every point is lit at all times.
+        illumination_params: The sunlight; None: every point is lit at all times.
         mean_motion: Mean motion of the chief's circular orbit [rad/s].
-        dynamics: How deputies move; given for other values than the defaults. Its mean motion is the chief's.
+        dynamics: Dynamics of the deputies, to set other values than the defaults. Its mean motion is the chief's.
         field_of_view: Full angle of the camera's cone about the line to the chief's centre [rad].
-        sensor_fov: Full angle of the cone of a camera that turns with the deputy [rad], 2 pi unless given; it goes with
-            platforms that turn.
+        sensor_fov: Full angle of the cone of a camera that rotates with the deputy [rad], by default 2 pi; requires
+            platforms that rotate.
         initial_sensor_unit_vec: Axis of that camera in body axes.
-        chief_angular_velocity: Constant angular velocity of the body ``chief`` against Hill's frame, along Hill's axes
-            [rad/s], see `ChiefRotation`; it rests unless given.
+        chief_angular_velocity: Constant angular velocity of the body ``chief`` relative to Hill's frame, along Hill's
+            axes [rad/s], see `ChiefRotation`; by default, it is zero.
         steps_until_update: Steps of a slot between two updates of its delta-v scale.
         delta_v_scale_bounds: Smallest and largest scale of the delta-v reward [1/(m/s)]; it starts at the largest.
         delta_v_scale_step: Change of the scale at an update.
-        inspected_points_update_bounds: The scale moves back when the mean inspected fraction at the end of an
-            episode is at most the first, and on when it is at least the second.
-        delta_v_updater_criteria: What moves the scale: ``count``, the inspected fraction of the points, or ``score``,
-            the summed weight of the inspected points, which infos and tables then have too.
+        inspected_points_update_bounds: The step is subtracted from the scale if the mean inspected fraction at the end
+            of an episode is at most the first value, and added if it is at least the second.
+        delta_v_updater_criteria: Quantity that is compared: ``count``, the inspected fraction of the points, or
+            ``score``, the summed weight of the inspected points, which infos and tables then also contain.
     """
 
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
@@ -72,23 +72,23 @@ class InspectionSimulator(Simulator):
 
     @property
     def attitude_field(self) -> str:
-        """The cone of a camera that turns with the deputy, where it is given."""
+        """Name of the field of a camera that rotates with the deputy, or an empty text if it is not given."""
         return "" if self.sensor_fov is None else "sensor_fov"
 
     def with_attitude(self) -> Simulator:
-        """Return the simulator for platforms that turn, with a camera that turns with them.
+        """Return the simulator for platforms that rotate, with a camera that rotates with them.
 
         Raises:
             ValueError: The given dynamics have no attitude.
         """
         dynamics = self.dynamics or ClohessyWiltshireAttitude(mean_motion=self.mean_motion)
         if "orientation" not in dynamics.arrays:
-            raise ValueError(f"the platforms turn, and {dynamics.registered_name} has no attitude; remove `dynamics`")
+            raise ValueError(f"the platforms turn, but {dynamics.registered_name} has no attitude; remove `dynamics`")
         view = 2.0 * math.pi if self.sensor_fov is None else self.sensor_fov
         return self.model_copy(update={"dynamics": dynamics, "sensor_fov": view})
 
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
-        """Return the dynamics, the sun, the rotation of a chief that turns, the points and the price of fuel."""
+        """Return the dynamics, the sun, the rotation of a rotating chief, the points and the price of fuel."""
         light, dynamics = self.illumination_params, self.dynamics or ClohessyWiltshire(mean_motion=self.mean_motion)
         spin = self.chief_angular_velocity
         return dynamics, (

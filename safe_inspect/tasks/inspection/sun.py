@@ -1,4 +1,4 @@
-"""Where the sun is: the direction of its angle, and `Sun`, which turns about the chief at a constant rate."""
+"""Direction of the sun, and `Sun`, a component that moves it about the chief at a constant rate."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from safe_inspect.units import PositiveAngularRate
 
 
 def sun_directions(angle: FloatArray) -> FloatArray:
-    """Return the unit vectors to the sun, ``[cos, -sin, 0]`` of its angles [rad], Hill frame, shape (..., 3)."""
+    """Return the unit vectors to the sun, ``[cos, -sin, 0]`` of the angles [rad], Hill frame, shape (..., 3)."""
     return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
 
 
 @njit
 def sun_row(angle: float) -> tuple[float, float, float]:
-    """Return the unit vector to the sun of one angle [rad]; see `sun_directions`."""
+    """Return the unit vector to the sun for one angle [rad]; see `sun_directions`."""
     return math.cos(angle), -math.sin(angle), 0.0
 
 
 @njit
 def turn_sun(turn: float, angle: FloatArray, direction: FloatArray) -> None:
-    """Add a turn to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3)."""
+    """Add an angle to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3)."""
     for n in range(angle.shape[0]):
         angle[n] += turn
         direction[n, 0], direction[n, 1], direction[n, 2] = sun_row(angle[n])
 
 
 class Sun(Component):
-    """Sun whose angle grows at a constant rate: it turns clockwise about +z, Hill's frame, see `sun_directions`.
+    """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
-    sun, shape (N, 3). A reset takes the angle from the state ``sun_angle`` that is drawn, 0 unless there is one.
+    sun, shape (N, 3). A reset takes the angle from the sampled state ``sun_angle``, or 0 if there is none.
 
     Attributes:
         rate: Rate of the angle [rad/s].
@@ -52,7 +52,7 @@ class Sun(Component):
     rate: PositiveAngularRate = 0.001027
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: the sun does not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:

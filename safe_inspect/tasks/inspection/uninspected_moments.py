@@ -1,4 +1,4 @@
-"""Moments of the directions of the points that are not inspected, lit and dark: compiled, row by row."""
+"""Moments of the directions of the points that are not inspected, lit and dark, compiled, row by row."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.geometry.visibility import Surface, light_row, point_axes
 from safe_inspect.types import FloatArray
 
-#: Numbers of the points of one kind: their share, mean direction, and second moment (xx, yy, zz, xy, xz, yz).
+#: Length of the moments of one kind of points: fraction, mean direction, and second moment (xx, yy, zz, xy, xz, yz).
 OF_A_KIND = 10
-#: Numbers of both kinds.
+#: Length of the moments of both kinds.
 MOMENTS = 2 * OF_A_KIND
 
 
@@ -31,7 +31,7 @@ def uninspected_moments(
     inspector: NDArray[np.int8],
     moments: FloatArray,
 ) -> None:
-    """Write the moments of the points that nobody has inspected, lit and dark as each deputy of a group sees them.
+    """Write the moments of the points that no deputy has inspected, lit and dark as seen by each deputy of a group.
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
@@ -39,9 +39,9 @@ def uninspected_moments(
         deputies: Index of the group's first deputy, and their number, G; R = N * G rows.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
-        inspector: Who inspected each point, -1 for nobody, shape (N, P).
-        moments: Takes for the lit points, then for the dark ones: their number over P, the mean of their unit
-            vectors, and the mean of the products xx, yy, zz, xy, xz, yz; zeros without any; shape (R, 20).
+        inspector: Index of the deputy that inspected each point, -1 for none, shape (N, P).
+        moments: Receives, for the lit points and then for the dark ones: their number over P, the mean of their unit
+            vectors, and the mean of the products xx, yy, zz, xy, xz, yz; zeros if there are none; shape (R, 20).
     """
     (first, size), total = deputies, surface.points.shape[0]
     axes, viewer, bright = point_axes(surface.points), np.empty(3), np.empty(total, dtype=np.bool_)
@@ -82,13 +82,13 @@ def turn_moments(orientation: FloatArray, moments: FloatArray, turned: FloatArra
     Args:
         orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
         moments: Moments in the axes of the body, see `uninspected_moments`, shape (20,).
-        turned: Takes those in Hill's frame, shape (20,).
+        turned: Receives the moments in Hill's frame, shape (20,).
     """
     for at in (0, OF_A_KIND):
         m = moments[at : at + OF_A_KIND]
         turned[at] = m[0]
         mean = rotated(orientation, m[1], m[2], m[3])
-        # The columns of R M; its rows, turned once more, are those of R M R^T.
+        # The columns of R M; its rows, rotated again, are those of R M R^T.
         x = rotated(orientation, m[4], m[7], m[8])
         y = rotated(orientation, m[7], m[5], m[9])
         z = rotated(orientation, m[8], m[9], m[6])

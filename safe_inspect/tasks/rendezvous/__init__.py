@@ -1,1 +1,1 @@
-"""Rendezvous with a tumbling target: its motion and shape, and what docking is."""
+"""Rendezvous with a tumbling target: the target's motion and shape, and the conditions of docking."""

@@ -1,4 +1,4 @@
-"""`Actuators`: what thrusters and wheels make of a command."""
+"""`Actuators`: effect of thrusters and reaction wheels on a command."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 from safe_inspect.units import NonNegativeForce, NonNegativeTorque, PositiveForce, PositiveTorque
 
-#: Number of the first draw of a deputy; other components take those from 0.
+#: Number of the first sample of a deputy; other components use those from 0.
 _FIRST_DRAW = 1_000
 
 
 class Actuators(Component):
-    """Limits and errors of a control of forces and torques; what is flown is ``(1 + scale_error) clip(u) + noise``.
+    """Limits and errors of a control of forces and torques: ``(1 + scale_error) clip(u) + noise`` is applied.
 
-    The noise is uniform and drawn anew at every step of the agents. The state's ``control`` is the commanded one.
+    The noise is uniform and sampled at every step of the agents. The state's ``control`` is the commanded one.
 
     Attributes:
         force: Largest force along each axis [N].
@@ -60,7 +60,7 @@ def _actuate(
     noise: tuple[float, float],
     control: FloatArray,
 ) -> None:
-    """Write what is flown of each control, shape (N, D, C), in place; limits and noise are of forces and torques."""
+    """Write the applied control for each control, shape (N, D, C), in place; limits, noise: of forces, of torques."""
     size = control.shape[2]
     for i in range(control.shape[0]):
         for j in range(control.shape[1]):

@@ -1,4 +1,4 @@
-"""Envisat in its model frame M at full scale: inertia, and boxes that cover it.
+"""Inertia of Envisat in its model frame M at full scale, and boxes that cover it.
 
 Sources:
     Inertia as published for the e.Deorbit studies; sizes from public drawings, rounded.

@@ -1,4 +1,4 @@
-"""What docking and contact are, as row kernels of one chaser in one environment."""
+"""Docking and contact as row kernels of one chaser in one environment."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def is_docked(
     mating_position: FloatArray,
     mating_velocity: FloatArray,
 ) -> bool:
-    """Return whether a chaser is at the mating point and moves with it.
+    """Return whether a chaser is at the mating point and has the same velocity.
 
     Args:
         reach: Largest distance to the mating point [m].
-        speed: Largest speed relative to it [m/s].
+        speed: Largest speed relative to the mating point [m/s].
         position: Position of the chaser [m], shape (3,).
-        velocity: Its velocity [m/s], shape (3,).
+        velocity: Velocity of the chaser [m/s], shape (3,).
         mating_position: Position of the mating point [m], shape (3,).
-        mating_velocity: Its velocity [m/s], shape (3,).
+        mating_velocity: Velocity of the mating point [m/s], shape (3,).
     """
     return distance(position, mating_position) <= reach and distance(velocity, mating_velocity) <= speed
 
@@ -49,21 +49,21 @@ def docking_error(
     """Return ``sqrt(|p - p_m|^2 + (T |v - v_m|)^2)`` [m].
 
     Args:
-        time_scale: T: what a relative velocity weighs [s].
+        time_scale: Weight T of a relative velocity [s].
         position: Position p of the chaser [m], shape (3,).
-        velocity: Its velocity v [m/s], shape (3,).
+        velocity: Velocity v of the chaser [m/s], shape (3,).
         mating_position: Position p_m of the mating point [m], shape (3,).
-        mating_velocity: Its velocity v_m [m/s], shape (3,).
+        mating_velocity: Velocity v_m of the mating point [m/s], shape (3,).
     """
     apart, lag = distance(position, mating_position), time_scale * distance(velocity, mating_velocity)
     return math.sqrt(apart * apart + lag * lag)
 
 
 def docking_inputs(before: bool = False) -> tuple[RowInput, RowInput, RowInput, RowInput]:
-    """Return position and velocity of the chaser, then of the mating point, as inputs of a row kernel.
+    """Return the position and velocity of the chaser, then of the mating point, as inputs of a row kernel.
 
     Args:
-        before: Whether those before the step are read.
+        before: Whether to read the values before the step.
     """
     return (
         OwnArray("position", before),

@@ -1,4 +1,4 @@
-"""The motion of a tumbling target and the clearance of chasers from it, compiled."""
+"""Compiled motion of a tumbling target and clearance of chasers from it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from safe_inspect.types import FloatArray
 
 
 class TargetBody(NamedTuple):
-    """A rigid body in its principal axes T.
+    """Rigid body in its principal axes T.
 
     Attributes:
         inertia: Principal moments, up to a factor, shape (3,).
-        mating_point: Where the centre of the chaser is to be [m], shape (3,).
-        boxes: Its shape.
+        mating_point: Position of the chaser's centre when docked [m], shape (3,).
+        boxes: Shape of the body.
     """
 
     inertia: FloatArray
@@ -26,7 +26,7 @@ class TargetBody(NamedTuple):
 
 
 class TargetArrays(NamedTuple):
-    """The arrays of N environments that follow the target; all but the first two follow from these.
+    """Arrays of N environments that describe the target; all but the first two are computed from these two.
 
     Attributes:
         orientation: Attitude q_WT, shape (N, 4).
@@ -34,7 +34,7 @@ class TargetArrays(NamedTuple):
         position: Mating point in W [m], shape (N, 3).
         velocity: Velocity of the mating point in W [m/s], shape (N, 3).
         clearance: Signed distance of each chaser's centre to the boxes [m], shape (N, D).
-        least_clearance: The least of these since the reset [m], shape (N, D).
+        least_clearance: Smallest clearance since the reset [m], shape (N, D).
     """
 
     orientation: FloatArray
@@ -47,13 +47,13 @@ class TargetArrays(NamedTuple):
 
 @njit
 def follow_target(body: TargetBody, dt: float, steps: int, arrays: TargetArrays, chasers: FloatArray) -> None:
-    """Advance the target of each environment without torque, and write what follows from its attitude.
+    """Advance the target of each environment without torque, and write the quantities that depend on its attitude.
 
     Args:
         body: The target.
         dt: Step of the integration [s].
-        steps: Number of these; 0 leaves the attitude.
-        arrays: Read and written.
+        steps: Number of these steps; 0 leaves the attitude unchanged.
+        arrays: The arrays, read and written.
         chasers: Positions of the bodies, the chasers first [m], shape (N, B, 3).
     """
     j, m = (body.inertia[0], body.inertia[1], body.inertia[2]), body.mating_point

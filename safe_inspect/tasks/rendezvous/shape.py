@@ -1,4 +1,4 @@
-"""The shape and the inertia of a target, from its model frame M to its principal axes T."""
+"""Shape and inertia of a target, from its model frame M to its principal axes T."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[fl
 
 
 class TargetBox(BaseModel):
-    """A box of a target, fixed in its model frame M.
+    """Box of a target, fixed in its model frame M.
 
     Attributes:
         centre: Centre [m].

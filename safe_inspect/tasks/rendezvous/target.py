@@ -1,4 +1,4 @@
-"""`TumblingTarget`: a rigid body that tumbles about the origin, with a mating point and a shape to keep clear of."""
+"""`TumblingTarget`: a rigid body that tumbles about the origin, with a mating point and a shape to avoid."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ _OF_CHASER = ("clearance", "least_clearance")
 
 
 class TumblingTarget(Component):
-    """A rigid body that tumbles without torque about its centre of mass, the origin of the inertial frame W.
+    """Rigid body that tumbles without torque about its centre of mass, the origin of the inertial frame W.
 
         J w' = -w x J w,        q' = q [w, 0] / 2
 
     with q = q_WT and w in the principal axes T, J1 <= J2 <= J3. Arrays: ``target_orientation`` [x, y, z, w], shape
     (N, 4), ``target_angular_velocity`` in T [rad/s], shape (N, 3), ``mating_point_position`` [m] and
     ``mating_point_velocity`` [m/s] in W, shape (N, 3), ``clearance``, the signed distance of each chaser's centre to
-    the boxes, and ``least_clearance``, the least since the reset [m], shape (N, D). A reset takes attitude and
-    angular velocity from the reset parameter ``target_tumble``, see `TumbleParameter`; without one the target rests
-    with T along W. By default the target is Envisat.
+    the boxes, and ``least_clearance``, the smallest since the reset [m], shape (N, D). A reset takes the attitude and
+    angular velocity from the reset parameter ``target_tumble``, see `TumbleParameter`; without one, the target is at
+    rest with T aligned with W. By default, the target is Envisat.
 
     Attributes:
         boxes: Boxes that cover the target, in its model frame M at full scale, the centre of mass at the origin.
         inertia: Inertia about the centre of mass in M [kg m^2]; a common factor does not matter.
         scale: Size of the target relative to full scale [-].
-        mating_point: Where the chaser's centre is to be, in T [m]; not scaled.
+        mating_point: Position of the chaser's centre when docked, in T [m]; not scaled.
         integration_step: Longest step of the fourth-order Runge-Kutta method [s].
     """
 
@@ -65,7 +65,7 @@ class TumblingTarget(Component):
         return value
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return none: deputies move as without it."""
+        """Return zero bounds: the target does not affect the motion of deputies."""
         return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
@@ -127,7 +127,7 @@ class _RunningTarget(RunningComponent):
 
 
 def _clearance(view: View) -> FloatArray:
-    """Return the signed distance of the own centre to the target [m], shape (R,)."""
+    """Return the signed distance of each agent's centre to the target [m], shape (R,)."""
     return view.per_agent(view.state["clearance"])
 
 

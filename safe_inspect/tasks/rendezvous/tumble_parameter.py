@@ -1,4 +1,4 @@
-"""`TumbleParameter`: attitude and angular velocity of a target at a reset."""
+"""`TumbleParameter`: initial attitude and angular velocity of a target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from safe_inspect.types import FloatArray
 
 
 class TumbleParameter(Parameter):
-    """Attitude and tumble of a target at a reset.
+    """Initial attitude and tumble of a target.
 
     Returns:
         ``orientation`` q_WT (R, 4) and ``angular_velocity`` in T [rad/s] (R, 3).
@@ -34,13 +34,13 @@ class TumbleParameter(Parameter):
     @classmethod
     def _is_rate(cls, value: Plugin) -> Plugin:
         if not isinstance(value, ScalarParameter) or value.symbol not in (None, "rad/s"):
-            raise ValueError("`rate` is a number in rad/s or deg/s; use a distribution such as UniformParameter")
+            raise ValueError("`rate` must be a number in rad/s or deg/s; use a distribution such as UniformParameter")
         return value
 
     _has_length = field_validator("direction", "orientation")(require_length)
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
-        """Return the drawn attitude and angular velocity."""
+        """Return the sampled attitude and angular velocity."""
         assert isinstance(self.rate, ScalarParameter), "the field has been validated"
         rate = self.rate(draw.child("rate"))
         assert isinstance(rate, np.ndarray), "such a parameter gives one number for each row"

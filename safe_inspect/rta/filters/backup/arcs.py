@@ -1,8 +1,8 @@
-"""Arcs under constant thrust, and the bounds by which their cells are certified, compiled; see `constraints.rows`.
+"""Arcs under constant thrust, and the bounds with which their cells are certified, compiled; see `constraints.rows`.
 
-The derivatives obey the Clohessy-Wiltshire equations: with S a bound of |v| + |a| / n over the cell, the jerk is at
-most 3 n^2 S and the fourth derivative of the position at most 6 n^3 S. For k = (n D)^2 / 8 the ends' values bound S
-by (largest |v| + largest |a| / n) / (1 - 9 k).
+The derivatives satisfy the Clohessy-Wiltshire equations: if S is a bound on |v| + |a| / n over the cell, the jerk is at
+most 3 n^2 S and the fourth derivative of the position at most 6 n^3 S. For k = (n D)^2 / 8, the values at the ends
+bound S by (largest |v| + largest |a| / n) / (1 - 9 k).
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from safe_inspect.types import FloatArray
 
 @njit(**BORROWING)
 def held(m: FilterModel, x: RowState, u: FloatArray, k: int) -> RowState:
-    """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 to the bit that of the simulator."""
+    """Return the state k / 256 of a hold after x, under the thrust u; at k = 256 bit-identical to the simulator's."""
     return cwh_row(m.hold_phi[k], m.hold_gamma[k], x, u[0], u[1], u[2])
 
 
 @njit(**BORROWING)
 def turned(sun: SunAngle, cos: float, sin: float) -> SunAngle:
-    """Return the cosine and sine of the sun angle after a turn."""
+    """Return the cosine and sine of the sun angle after a rotation."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
 
 
 @njit(**BORROWING)
 def acceleration_at(n: float, x: RowState, w: Triple) -> Triple:
-    """Return the acceleration at a state under the thrust's own w [m/s^2]."""
+    """Return the acceleration at a state, including the acceleration w of the thrust [m/s^2]."""
     return 3.0 * n * n * x[0] + 2.0 * n * x[4] + w[0], w[1] - 2.0 * n * x[3], w[2] - n * n * x[2]
 
 
@@ -40,10 +40,10 @@ def arc_cell(n: float, a: Node, b: Node, w: Triple, span: float) -> ArcCell:
 
     Args:
         n: Mean motion [rad/s].
-        a: Its start.
-        b: Its end.
+        a: Start of the cell.
+        b: End of the cell.
         w: Constant acceleration of the thrust [m/s^2].
-        span: Length [s].
+        span: Length of the cell [s].
     """
     ax, ay, az = acceleration_at(n, a.state, w)
     bx, by, bz = acceleration_at(n, b.state, w)

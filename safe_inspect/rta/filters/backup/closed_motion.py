@@ -1,14 +1,14 @@
-"""Is a closed natural motion safe for ever? One orbit decides, for the motion and the sun have the same period.
+"""Certificate that a closed natural motion is safe permanently: one orbit is enough, as the sun has the same period.
 
 Without drift, v_y = -2 n x, the position is a constant (0, y_c, 0) plus an oscillation o with the orbit's period, and
-every derivative with respect to the angle tau = n t of the orbit is at most rho = sqrt(4 A^2 + B^2) long, A and B the
-amplitudes in x and z. The orbit is cut into cells of angle D, which their ends certify or which are halved, with the
-bounds of `constraints.rows`; they are sharper here, for p'' = -o and |p''''| <= rho.
+every derivative with respect to the angle tau = n t of the orbit is at most rho = sqrt(4 A^2 + B^2) long, where A and B
+are the amplitudes in x and z. The orbit is divided into cells of angle D, which are certified from their ends or
+halved, with the bounds of `constraints.rows`; they are sharper here, because p'' = -o and |p''''| <= rho.
 
-The cells are counted from the state that is asked about, so they lie otherwise a step later. A motion that was
-certified with whole margins is certified with half margins from each of its states all the same: cells are halved
-until they miss less than the difference, and motions for which the finest would miss more are refused, by the centre
-and rho, which are those of the motion and not of its states.
+The cells start at the given state, so they are different one step later. A motion that was certified with full margins
+is nevertheless certified with half margins from each of its states: cells are halved until their error is less than
+the difference, and motions for which the error of the finest cells would be larger are rejected, based on the centre
+and rho, which are properties of the motion and not of its states.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from safe_inspect.rta.filters.backup.model import FINE_NODES, FINEST, ORBIT_CELL
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
 from safe_inspect.types import FloatArray, IntArray
 
-#: Eighth of the squared angle of the finest cell [rad^2].
+#: One eighth of the squared angle of the finest cell [rad^2].
 _EIGHTH = 0.5 * (math.pi / FINEST) ** 2
-#: What the finest cells may miss of a distance [m], with a quarter of the margin: half of the margin of a plan, and
-#: more once there is a plan that is asked again with half margins.
+#: Largest error of a distance from the finest cells [m], with a quarter of the margin: half of the margin of a plan,
+#: and more for a plan that is checked again with half margins.
 _MOST_MISSED = 7.5e-4
-#: The margin of a plan [m], where there is no tube about it.
+#: Margin of a plan [m], if there is no tube about it.
 _WHOLE = 1e-3
 #: Columns of a node: angle in finest cells, position, cosine and sine of the sun angle, and the rest of a `ClosedNode`.
 _COLUMNS = 10
-#: Shape of the stack of nodes that `closed_motion` works with.
+#: Shape of the stack of nodes used by `closed_motion`.
 NODE_STACK = (ORBIT_CELLS + 2 + round(math.log2(FINEST // ORBIT_CELLS)), _COLUMNS)
 
 
 @njit(**INLINED)
 def _node(n: float, x: RowState, sun: SunAngle, cos: float, sin: float) -> ClosedNode:
-    """Return the node after the angle of that cosine and sine."""
+    """Return the node at the angle with the given cosine and sine."""
     u, w = x[3] / n, x[5] / n
     px, pz = cos * x[0] + sin * u, cos * x[2] + sin * w
     py = x[1] - 2.0 * (1.0 - cos) * u - 2.0 * sin * x[0]
@@ -75,7 +75,7 @@ def _copy(work: FloatArray, source: int, target: int) -> None:
 
 @njit(**INLINED)
 def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, span: float) -> ClosedCell:
-    """Return the cell of that angle between two nodes with the bounds that they give."""
+    """Return the cell of the given angle between two nodes, with the bounds that they give."""
     k = 0.125 * span * span
     p, q = a.position, b.position
     ex, ey, ez = p[0] + q[0], p[1] + q[1], p[2] + q[2]
@@ -91,7 +91,7 @@ def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, spa
 
 @njit(**INLINED)
 def _remember(weak: IntArray, angle: int) -> None:
-    """Put the node next to an angle, in finest cells, before the last that was remembered."""
+    """Store the node nearest to an angle, in finest cells, before the last one that was stored."""
     nearest = (angle + FINEST // FINE_NODES // 2) // (FINEST // FINE_NODES) % FINE_NODES
     if nearest != weak[0]:
         weak[0], weak[1] = nearest, weak[0]
@@ -99,9 +99,9 @@ def _remember(weak: IntArray, angle: int) -> None:
 
 @njit(**INLINED)
 def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, weak: IntArray) -> bool:
-    """Return whether the drift-free motion from x breaks a constraint at one of two of the `FINE_NODES`.
+    """Return whether the drift-free motion from x violates a constraint at one of two of the `FINE_NODES`.
 
-    Where motions nearby were refused, this is a cheap test to ask before `closed_motion`.
+    If similar motions were rejected, this is a fast test to run before `closed_motion`.
     """
     for place in weak:
         node = _node(m.n, x, sun, m.fine[place, 0], m.fine[place, 1])
@@ -114,7 +114,7 @@ def refuted(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, weak: 
 def closed_motion(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, work: FloatArray, weak: IntArray
 ) -> int:  # fmt: skip
-    """Return a constraint that the drift-free motion from x breaks within an orbit, or SAFE.
+    """Return a constraint that the drift-free motion from x violates within an orbit, or SAFE.
 
     Args:
         m: The task.
@@ -122,7 +122,7 @@ def closed_motion(
         sun: Cosine and sine of the sun angle there.
         margins: Margins of the constraints.
         work: Workspace, shape `NODE_STACK`.
-        weak: Receives which of the `FINE_NODES` is next to where the motion is refused, for `refuted`, shape (2,).
+        weak: Receives the index of the `FINE_NODES` nearest to the rejection, for `refuted`, shape (2,).
     """
     u, w = x[3] / m.n, x[5] / m.n
     in_plane, across = math.sqrt(x[0] * x[0] + u * u), math.sqrt(x[2] * x[2] + w * w)
@@ -131,7 +131,7 @@ def closed_motion(
         return int(code)
     centre, rho = x[1] - 2.0 * u, math.sqrt(4.0 * in_plane * in_plane + across * across)
     size = abs(centre) + rho
-    # the direction of a cell's chord misses the one part at its ends, the bound between them the other
+    # The first part is the error of the chord's direction at the ends of a cell, the second that of the bound between.
     if _EIGHTH * size * (size * m.turning + 4.0) > _MOST_MISSED - 0.25 * min(margins.length, _WHOLE):
         return COLLISION
     for first in range(4):
@@ -153,7 +153,7 @@ def closed_motion(
             if code == SAFE:
                 if b == place + 1:
                     break
-                # the right end of this cell is the left end of the next, whose right end lies below on the stack
+                # The right end of this cell is the left end of the next, whose right end is the next on the stack.
                 _copy(work, b, place)
                 a, top = place, top - 1
                 b = top if top > ORBIT_CELLS else place + 1

@@ -1,8 +1,8 @@
-"""Half-spaces of controls that stand for the constraints near a control, compiled.
+"""Compiled half-spaces of controls that approximate the constraints near a control.
 
-The state of a hold is affine in the control, so each constraint's supporting direction d at one moment gives a
-half-space d.(free motion + input u) >= need. For a speed or the largest range it contains every safe control; for the
-range, the sun cone and passive safety it is contained in the controls that are safe at that moment.
+The state of a hold is affine in the control, so the supporting direction d of a constraint at one moment gives a
+half-space d.(free motion + input u) >= need. For a speed or the largest range, it contains every safe control; for the
+range, the sun cone and passive safety, all of its controls are safe at that moment.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from safe_inspect.rta.filters.backup.sequences import support_of
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.types import FloatArray
 
-#: Bits of the constraints whose half-spaces contain every safe control, and of further ones, which may.
+#: Bits of the constraints whose half-spaces contain every safe control, and of further constraints, for which they may.
 CONVEX = -1 << FURTHER
 for _code, _constraint in enumerate(CERTIFIED):
     if _constraint.kernels is not None and _constraint.kernels.convex:
@@ -30,7 +30,7 @@ for _code, _constraint in enumerate(CERTIFIED):
 
 
 class Refusal(NamedTuple):
-    """The code of the constraint that refused a hold, and the piece of the hold where it did."""
+    """Code of the constraint that rejected a hold, and the piece of the hold where it did."""
 
     code: int
     piece: int
@@ -54,7 +54,7 @@ def support(m: FilterModel, code: int, at: Node, margins: Margins, d: FloatArray
 
 @njit(**BORROWING)
 def add(m: FilterModel, need: float, b: RowState, u: FloatArray, k: int, s: Workspace, count: int) -> int:
-    """Append the half-space d.state(k) >= need for d in `s.d`, given the state b that the thrust u leads to.
+    """Append the half-space d.state(k) >= need for d in `s.d`, given the state b reached with the thrust u.
 
     Returns:
         The new count.
@@ -79,10 +79,10 @@ def cut_near(
     m: FilterModel, x: RowState, u: FloatArray, own_side: bool, always: bool, margins: Margins, s: Workspace,
     count: int,
 ) -> int:  # fmt: skip
-    """Append a half-space that keeps off the chief at the worst sample of coasting from the hold's middle and end.
+    """Append a half-space that avoids the chief at the worst sample of coasting from the hold's middle and end.
 
-    Its direction is that of the closest approach, to pass beside the chief, or that of the present position, to stay
-    on this side of it. Appended where a sample is too near, or in any case.
+    Its direction is that of the closest approach, to pass the chief, or that of the present position, to stay on this
+    side of it. It is appended if a sample is too near, or unconditionally if `always`.
     """
     near = m.constraints[COLLISION].closed_near
     if not near > 0.0:
@@ -111,7 +111,7 @@ def cut_hold(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, refusal: Refusal, own_side: bool, margins: Margins,
     s: Workspace, count: int,
 ) -> int:  # fmt: skip
-    """Append the half-space of the constraint that refused a hold, at the moment where it did."""
+    """Append the half-space of the constraint that rejected a hold, at the moment of the violation."""
     code, k = refusal
     if code in (PSM, COLLISION):
         return int(cut_near(m, x, u, own_side, as_bool(True), margins, s, count))
@@ -124,10 +124,10 @@ def cut_hold(
 def cut_end(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, codes: int, margins: Margins, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
-    """Append the half-spaces of those constraints of the bits `codes` that are broken at the end of a hold.
+    """Append the half-spaces of the constraints of the bits `codes` that are violated at the end of a hold.
 
     Returns:
-        The new count, and the bits of the constraints that are broken.
+        The new count, and the bits of the constraints that are violated.
     """
     k, bits = as_int(HOLD_PIECES), 0
     b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
@@ -148,7 +148,7 @@ def cut_broken(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, own_side: bool, margins: Margins, s: Workspace,
     count: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Append the half-spaces of all constraints broken at the end of a hold; return the count and the bits of them."""
+    """Append the half-spaces of all constraints violated at the end of a hold; return the count and their bits."""
     count, bits = cut_end(m, x, sun, u, as_int(~(1 << COLLISION)), margins, s, count)
     b = held(m, x, u, HOLD_PIECES)
     near = m.constraints[COLLISION].near

@@ -1,9 +1,9 @@
-"""Constraints that are given by a half-space at each state, compiled; `Constraint.half_space` documents them.
+"""Compiled constraints that are given by a half-space at each state; see `Constraint.half_space`.
 
-The filter certifies such a constraint over a cell of an arc by the half-space d.x >= need at the cell's middle. All of
-it is safe, and f = d.x along the motion is certified from its values at the cell's ends as in `constraints.rows`, with
-the same bounds of its second derivative. So no bound of the constraint itself is asked for, and any number of them, of
-any package, run in the machine code of this one: kernels are called by address.
+The filter certifies such a constraint over a cell of an arc by the half-space d.x >= need at the middle of the cell.
+All states in that half-space are safe, and f = d.x along the motion is certified from its values at the ends of the
+cell as in `constraints.rows`, with the same bounds on its second derivative. The constraint itself therefore needs no
+bounds, and any number of constraints of any package run in the same machine code: kernels are called by address.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, 
 from safe_inspect.rta.filters.backup.sequences import SAFE
 
 _SIGNATURE = "float64(CPointer(float64), CPointer(float64), CPointer(float64))"
-#: Direction d of states and the need.
+#: Direction d of states, and the need.
 _Half = tuple[float, float, float, float, float, float, float]
 _ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @cache
 def kernel(function: HalfSpace) -> Any:
-    """Return a compiled kernel, whose `address` holds as long as the process.
+    """Return a compiled kernel, whose `address` is valid during the whole process.
 
     Raises:
         ValueError: It does not compile.
@@ -47,9 +47,9 @@ def kernel(function: HalfSpace) -> Any:
 
 @njit(**BORROWING)
 def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
-    """Return the direction d and the need of a further constraint at a state, d.x >= need where it is met.
+    """Return the direction d and the need of a further constraint at a state; it is satisfied where d.x >= need.
 
-    The part of d for positions has unit length, or where d has no such part that for velocities.
+    The position part of d has unit length; if there is no such part, the velocity part has.
     """
     entry = m.kernels + 16 * (code - FURTHER)
     parameters: Any = pointer(read_number(entry + 8, int64), float64)  # type: ignore[call-arg]
@@ -70,7 +70,7 @@ def along(h: _Half, x: RowState) -> float:
 
 @njit(**BORROWING)
 def sizes(h: _Half) -> tuple[float, float]:
-    """Return the lengths of d for positions and for velocities."""
+    """Return the lengths of the position and velocity parts of d."""
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]), math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
 
 
@@ -83,7 +83,7 @@ def needed(h: _Half, margins: Margins) -> float:
 
 @njit(**BORROWING)
 def further_slack(m: FilterModel, code: int, x: RowState) -> float:
-    """Return how far a further constraint is from broken, in metres; speeds count as the range of a motion so fast."""
+    """Return the distance of a further constraint from violation [m]; a speed counts as the range of such a motion."""
     h = half_space(m, code, x)
     position, velocity = sizes(h)
     return (along(h, x) - h[6]) / (position + velocity / m.n)
@@ -91,7 +91,7 @@ def further_slack(m: FilterModel, code: int, x: RowState) -> float:
 
 @njit(**BORROWING)
 def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
-    """Return the code of a further constraint that is not met at a state with those margins; SAFE if all are."""
+    """Return the code of a further constraint that a state does not satisfy with those margins, or SAFE."""
     for code in range(FURTHER, FURTHER + m.further):
         h = half_space(m, code, x)
         if not along(h, x) >= needed(h, margins):
@@ -101,7 +101,7 @@ def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
 
 @njit(**BORROWING)
 def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
-    """Return the code of a further constraint that a cell's ends cannot certify; SAFE if all are."""
+    """Return the code of a further constraint that the ends of a cell cannot certify, or SAFE."""
     a, b = cell.a.state, cell.b.state
     ax, ay, az = cell.acceleration_a
     bx, by, bz = cell.acceleration_b
@@ -122,9 +122,9 @@ def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
 
 @njit(**BORROWING)
 def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
-    """Return a further constraint that the drift-free motion from x breaks within an orbit, or SAFE.
+    """Return a further constraint that the drift-free motion from x violates within an orbit, or SAFE.
 
-    With the bounds of `closed_motion`: in the angle of the orbit the second derivative of the position is
+    The bounds are those of `closed_motion`: in the angle of the orbit, the second derivative of the position is
     (0, y_c, 0) - p, and every derivative of it is at most rho long.
     """
     u, w = x[3] / m.n, x[5] / m.n

@@ -1,4 +1,4 @@
-"""Is a hold safe at every moment, and is coasting safe from every moment of it? Compiled."""
+"""Certificate that a hold is safe at every moment, and that coasting is safe from every moment of it, compiled."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST_CELLS = 2000
 def hold(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margins: Margins, work: IntArray, where: IntArray
 ) -> int:  # fmt: skip
-    """Return a constraint that the hold of u from x may break, or SAFE.
+    """Return a constraint that the hold of u from x may violate, or SAFE.
 
     Args:
         m: The task.
@@ -30,7 +30,7 @@ def hold(
         u: The thrust [N], shape (3,).
         margins: Margins of the constraints.
         work: Workspace, shape (64, 4).
-        where: Receives the piece of the hold, and the entry of the coasting table, where it may be broken.
+        where: Receives the piece of the hold, and the entry of the coasting table, where it may be violated.
     """
     where[1] = 0
     w = (u[0] / m.mass, u[1] / m.mass, u[2] / m.mass)
@@ -75,17 +75,17 @@ def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple
 
 @njit(**BORROWING)
 def _remains(dip: float, one: float, other: float) -> float:
-    """Return what remains of a dip below a chord that rises by something between the two numbers; see `lowest`."""
+    """Return the rest of a dip below a chord whose rise is between the two numbers; see `lowest`."""
     rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
     return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
 
 
 @njit(**BORROWING)
 def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
-    """Is the range above the radius for every moment of the hold and every moment of coasting from it?
+    """Return whether the range is above the radius at every moment of the hold and of coasting from it.
 
-    The position is a smooth function P(t, s) of the thrust's time t and the coasting time s. On a rectangle e.P is
-    at least its least corner, less the largest second derivatives in t and in s times the sides' squares over 8.
+    The position is a smooth function P(t, s) of the time t of thrust and the time s of coasting. On a rectangle, e.P is
+    at least its least value at a corner, minus the largest second derivatives in t and s times the squared sides / 8.
     """
     n = m.n
     end = held(m, x, u, HOLD_PIECES)
@@ -95,7 +95,7 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
     va = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rb = math.sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2])
     vb = math.sqrt(end[3] * end[3] + end[4] * end[4] + end[5] * end[5])
-    # bounds over the hold, with S of `arcs` for the whole of it
+    # Bounds over the hold, with S of `arcs` for the whole hold.
     k = 0.125 * n * n * m.dt * m.dt
     top_a = thrust + 3.0 * n * n * max(ra, rb) + 2.0 * n * max(va, vb)
     s = (max(va, vb) + top_a / n) / (1.0 - 9.0 * k)
@@ -141,7 +141,7 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
             if cells > _MOST_CELLS or (t1 - t0 <= 1 and s1 - s0 <= 1):
                 where[0], where[1] = t1, s1
                 return False
-            # halve the side along which the corners are farther apart
+            # Halve the side along which the corners are farther apart.
             along_t = (f[0] - p[0]) ** 2 + (f[1] - p[1]) ** 2 + (f[2] - p[2]) ** 2
             along_t = max(along_t, (g[0] - q[0]) ** 2 + (g[1] - q[1]) ** 2 + (g[2] - q[2]) ** 2)
             along_s = (q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2 + (q[2] - p[2]) ** 2

@@ -1,4 +1,4 @@
-"""The kernels of further constraints, where compiled rows find them."""
+"""Table of the kernels of further constraints for the compiled rows."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from safe_inspect.types import FloatArray, IntArray
 
 
 class KernelTable:
-    """Addresses of kernels and of their parameters, made when they are first needed in a process.
+    """Addresses of kernels and of their parameters, created when they are first needed in a process.
 
     Attributes:
         constraints: Constraints that define `Constraint.half_space`.
     """
 
     def __init__(self, constraints: Iterable[Constraint] = ()) -> None:
-        """Keep the constraints; nothing is compiled yet."""
+        """Store the constraints; nothing is compiled yet."""
         self.constraints = tuple(constraints)
         self._table: IntArray | None = None
         self._parameters: list[FloatArray] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out of pickles the addresses, which hold in one process only."""
+        """Exclude the addresses from pickles, because they are valid in one process only."""
         return {**self.__dict__, "_table": None, "_parameters": []}
 
     def into(self, model: FilterModel) -> FilterModel:
-        """Return a model with the constraints of this table, which must outlive it.
+        """Return a model with the constraints of this table, which must exist as long as the model.
 
         Raises:
             ValueError: A kernel does not compile.

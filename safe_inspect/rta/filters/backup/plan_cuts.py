@@ -1,6 +1,6 @@
 """Half-spaces of controls after which a backup plan is safe, compiled.
 
-What a plan leaves to its constraints is a smooth function of the control but for its corners; it is made linear by
+The slack that a plan leaves to its constraints is a piecewise smooth function of the control; it is linearised by
 differences.
 """
 
@@ -30,7 +30,7 @@ from safe_inspect.rta.filters.backup.workspace import Workspace
 from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
-#: What a newton of thrust to spare counts beside distances [m].
+#: Weight of a newton of remaining thrust relative to distances [m].
 _METRES_PER_NEWTON = 100.0
 #: Bits of the constraints that are speeds.
 _SPEEDS = bits_of("allowed_speed")
@@ -41,7 +41,7 @@ _STEP = 1e-4
 
 @njit(**BORROWING)
 def _slack(m: FilterModel, at: Node, code: int) -> float:
-    """Return how far a constraint is from broken, in metres; speeds count as the range of a motion that fast."""
+    """Return the distance of a constraint from violation [m]; a speed counts as the range of such a motion."""
     if code >= FURTHER:
         return float(further_slack(m, code, at.state))
     return float(slack_of(m.constraints, code, at))
@@ -55,7 +55,7 @@ def _excess(m: FilterModel, w: FloatArray) -> float:
 
 @njit(**BORROWING)
 def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
-    """Return the least slack of all constraints [m], and whose it is."""
+    """Return the least slack of all constraints [m], and the code of that constraint."""
     least, which = least_slack(m.constraints, at)
     for code in range(FURTHER, FURTHER + m.further):
         value = further_slack(m, code, at.state)
@@ -66,13 +66,13 @@ def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
 
 @njit(**BORROWING)
 def _orbit_node(n: float, begin: RowState, start: SunAngle, cos: float, sin: float) -> Node:
-    """Return the node of a plan's closed motion after the angle of that cosine and sine."""
+    """Return the node of a plan's closed motion at the angle with the given cosine and sine."""
     return node(closed_motion_state(n, begin, cos, sin), turned(start, cos, sin))
 
 
 @njit(**BORROWING)
 def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) -> tuple[int, int]:
-    """Return the plan with the largest least slack over the nodes of its orbit, and the constraint where that is."""
+    """Return the plan with the largest least slack over the nodes of its orbit, and the constraint with that slack."""
     best, best_plan, best_code = -math.inf, 0, COLLISION
     for rank in range(QUICK):
         plan = ORDER[rank]
@@ -98,7 +98,7 @@ def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) 
 
 @njit(**BORROWING)
 def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> int:
-    """Return the constraint that is nearest to broken on the best plan after a hold."""
+    """Return the constraint with the least slack on the best plan after a hold."""
     k = HOLD_PIECES
     start = turned(turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1]), m.hold_sun[k, 0], m.hold_sun[k, 1])
     return _best_plan(m, held(m, x, u, k), start, s.w)[1]
@@ -108,9 +108,9 @@ def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Works
 def cut_recovery(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
-    """Append half-spaces that make the best plan after a hold safe where it is not; return count and code.
+    """Append half-spaces that make the best plan after a hold safe if it is not; return the count and the code.
 
-    The slacks at the nodes of the plan's orbit, and that of the thrusters, are made linear in the control by
+    The slacks at the nodes of the plan's orbit, and that of the thrusters, are linearised in the control by
     differences.
     """
     w = s.w
@@ -123,7 +123,7 @@ def cut_recovery(
     b, over = held(m, after, w, HOLD_PIECES), _excess(m, w)
     tube = widened(m, _NO_MARGINS, CLOSED, effort, size_of(w))
     spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
-    # the same after a small step of the control along each axis
+    # The same after a small step of the control along each axis.
     u[0] += _STEP
     after = held(m, x, u, HOLD_PIECES)
     u[0] -= _STEP
@@ -149,7 +149,7 @@ def cut_recovery(
         for place in range(FINE_NODES + 1):
             cos, sin = m.fine[place % FINE_NODES, 0], m.fine[place % FINE_NODES, 1]
             here = _slack(m, _orbit_node(m.n, b, start, cos, sin), code)
-            # only the nodes at which the slack is least count
+            # Only nodes at which the slack has a local minimum are used.
             if falling and here >= previous and previous < wanted:
                 cos, sin = m.fine[place - 1, 0], m.fine[place - 1, 1]
                 slacks = (

@@ -1,10 +1,11 @@
-"""Backup plans: holds of thrust into a closed natural motion that is safe for ever, compiled.
+"""Compiled backup plans: holds of thrust to a closed natural motion that is safe permanently.
 
-Where the thrusters are strong one hold does. Where they are weak, holds may stand before it that go towards the first
-plan of `ORDER` as far as the thrusters allow. The first of these is flown, and the rest is found again a step later.
+If the thrusters are strong, a plan has one hold. If they are weak, further holds may precede it, which move towards the
+first plan of `ORDER` as far as the thrusters allow. The first of these is applied, and the rest is found again one step
+later.
 
-A plan is chosen by two numbers, the radial and the cross-track speed after its hold; the along-track speed is then
--2 n x, which leaves no drift. Velocities are affine in the thrust, so a plan's thrust is a 3 x 3 product away.
+A plan is defined by two numbers, the radial and the cross-track speed after its hold; the along-track speed is then
+-2 n x, which leaves no drift. Velocities are affine in the thrust, so computing a plan's thrust takes a 3 x 3 product.
 """
 
 from __future__ import annotations
@@ -34,19 +35,19 @@ from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
 NO_PLAN = -1
-#: In place of an effort: there is no hold before a plan.
+#: Value of an effort if there is no hold before a plan.
 NO_HOLD = -1.0
-#: The plan of several holds.
+#: Index of the plan with several holds.
 SEVERAL = PLANS
 _C = len(CROSS) + 1
-#: The plan that leaves the radial and the cross-track speed as they are: the one that stays on a closed motion.
+#: Index of the plan that does not change the radial and cross-track speeds: it stays on a closed motion.
 STAY = _C + 1
-#: A plan that changes the velocity by less [m/s] is to coast, to well within the margins.
+#: A plan that changes the velocity by less than this [m/s] is coasting, well within the margins.
 _STILL = 1e-10
-#: How many plans a quick search tries; 97 % of the states that have a plan, visited under adversarial controls, have
-#: one of these.
+#: Number of plans that a quick search tries; 97 % of the states that have a plan, visited under adversarial controls,
+#: have one of these.
 QUICK = 24
-#: The plans in the order in which they are tried: each is safe in the most such states that no earlier one is safe in.
+#: Plans in the order in which they are tried: each is safe in the most of those states in which no earlier one is safe.
 ORDER = (
     4, 9, 3, 47, 55, 0, 72, 64, 2, 1, 61, 46, 73, 49, 39, 54, 44, 65, 14, 57, 5, 6, 15, 58, 68, 77, 24, 38, 7, 13, 78,
     67, 74, 63, 8, 12, 79, 33, 53, 75, 76, 52, 62, 41, 59, 51, 56, 70, 10, 23, 27, 35, 48, 11, 40, 66, 30, 36, 22, 25,
@@ -62,7 +63,7 @@ def size_of(u: FloatArray) -> float:
 
 @njit(**BORROWING)
 def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> float:
-    """Write the thrust of a plan from x, which may exceed the thrusters; return the largest of an axis [N].
+    """Write the thrust of a plan from x, which may exceed the limits; return the largest component [N].
 
     Args:
         m: The task.
@@ -94,13 +95,13 @@ def _thrust(m: FilterModel, free: RowState, index: int, u: FloatArray) -> float:
 
 @njit(**BORROWING)
 def still(m: FilterModel, u: FloatArray) -> bool:
-    """Return whether holding a thrust is to coast."""
+    """Return whether holding a thrust is equivalent to coasting."""
     return bool(max(abs(u[0]), abs(u[1]), abs(u[2])) * m.dt <= _STILL * m.mass)
 
 
 @njit(**INLINED)
 def _tube_parts(effort: float) -> tuple[int, int]:
-    """Return the part of the motion that a plan's hold is, and that of the closed motion after it."""
+    """Return the part of the motion of a plan's hold, and that of the closed motion after it."""
     return (PLAN, CLOSED) if effort >= 0.0 else (FIRST_PLAN, FIRST_CLOSED)
 
 
@@ -109,12 +110,12 @@ def _possible(
     m: FilterModel, free: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray,
     s: Workspace,
 ) -> bool:  # fmt: skip
-    """Write the thrust of a plan; False where it is not admissible or its motion breaks where it did last.
+    """Write the thrust of a plan; return False if it is not admissible or its motion is unsafe where it last was.
 
-    `free` is the state after a hold without thrust, and `sun` the sun angle then.
+    `free` is the state after a hold without thrust, and `sun` the sun angle at that time.
     """
     first, then = _tube_parts(effort)
-    # with half margins the thrust may exceed the thrusters by rounding: 1e-9 of them, which is not flown
+    # With half margins, the thrust may exceed the limits by rounding: 1e-9 of them, which is clipped before use.
     most = m.u_max * (1.0 + max(0.0, 2e-9 - 2e-6 * margins.length)) - tracking_thrust(m, first, effort)
     if _thrust(m, free, index, u) > most:
         return False
@@ -134,14 +135,14 @@ def _possible(
 def _safe(
     m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
-    """Is a plan's thrust u safe in the hold and ever after?"""
+    """Return whether a plan's thrust u is safe during the hold and at all later times."""
     first, then = _tube_parts(effort)
     size = size_of(u)
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     if closed_motion(m, after, later, widened(m, margins, then, effort, size), s.work, s.weak[index]) != SAFE:
         return False
     if index == STAY and still(m, u):
-        return True  # the hold is a part of the closed motion
+        return True  # The hold is a part of the closed motion.
     return bool(hold(m, x, sun, u, widened(m, margins, first, effort, size), s.cells, s.at) == SAFE)
 
 
@@ -149,9 +150,10 @@ def _safe(
 def try_plan(
     m: FilterModel, x: RowState, sun: SunAngle, index: int, margins: Margins, effort: float, u: FloatArray, s: Workspace
 ) -> bool:  # fmt: skip
-    """Write the thrust of a plan from x; True where it is admissible and safe in the hold and ever after.
+    """Write the thrust of a plan from x; return whether it is admissible and safe in the hold and at all later times.
 
-    `effort` is the size of the thrust before it [N], on which the tube about the plan depends; negative without one.
+    `effort` is the size of the thrust before it [N], on which the tube about the plan depends; negative if there is
+    none.
     """
     later = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     possible = _possible(m, _coasted_hold(m, x), later, index, margins, effort, u, s)
@@ -178,7 +180,7 @@ def _of_one_hold(
 
 @njit(**BORROWING)
 def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: FloatArray, s: Workspace) -> bool:
-    """Write the first thrust of a plan of several holds; False where that is not safe. There is no tube about it."""
+    """Write the first thrust of a plan of several holds; return False if it is not safe. It has no tube about it."""
     for k in range(m.leads):
         plan_thrust(m, x, as_int(ORDER[0]), s.lead)
         for axis in range(3):
@@ -199,16 +201,16 @@ def find_plan(
     m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
     s: Workspace,
 ) -> int:  # fmt: skip
-    """Write the first thrust of a safe plan and return its index or SEVERAL; NO_PLAN where there is none.
+    """Write the first thrust of a safe plan and return its index or SEVERAL; NO_PLAN if there is none.
 
     Args:
         m: The task.
         x: The state.
         sun: Cosine and sine of the sun angle.
         margins: Margins of the constraints.
-        effort: Size of the thrust before the plan [N]; negative without one. See `try_plan`.
+        effort: Size of the thrust before the plan [N]; negative if there is none. See `try_plan`.
         first: A plan to try before the others, or NO_PLAN.
-        most: How many plans of `ORDER` to try: PLANS for a search that finds a plan where there is one.
+        most: Number of plans of `ORDER` to try: PLANS for a search that finds a plan if there is one.
         u: Receives the thrust [N], shape (3,).
         s: Workspace.
     """

@@ -1,4 +1,4 @@
-"""The way back for a state from which no backup plan is known, compiled."""
+"""Return control for a state for which no backup plan is found, compiled."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
-#: How far inside the limits the way back leads [m].
+#: Distance inside the limits that the return control aims for [m].
 INSIDE = 5.0
 _ROUNDS = 5
-#: Speed to spare [m/s].
+#: Reserve of speed [m/s].
 _SPARE = Margins(0.0, 1e-5, 0.0)
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
-#: What is broken by less than this [m], [m/s] counts as met.
+#: Violations below this [m], [m/s] are ignored.
 _MET = 1e-6
-#: Bits of the constraints that are distances, which are to grow, and of those that turn with the sun.
+#: Bits of the constraints that are distances, which must grow, and of those that rotate with the sun.
 _DISTANCES, _TURNING = bits_of("gap"), bits_of("turn")
 
 
 @njit(**BORROWING)
 def _allowed(m: FilterModel, at: Node) -> float:
-    """Return half of the speed that is allowed at a position [m/s]."""
+    """Return half of the speed allowed at a position [m/s]."""
     return float(0.5 * max(0.0, min(least_allowed_speed(m.constraints, at)[0], m.u_max / m.mass * m.dt)))
 
 
@@ -46,7 +46,7 @@ def _to_rate(m: FilterModel, code: int, sun: SunAngle, d: FloatArray) -> None:
 
 @njit(**BORROWING)
 def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, count: int) -> tuple[int, bool]:
-    """Append d.state >= need for the direction in `s.d` unless u meets it; return the count and whether it was."""
+    """Append d.state >= need for the direction in `s.d` unless u satisfies it; return the count and whether it was."""
     short = need
     for j in range(6):
         short -= s.d[j] * b[j]
@@ -62,12 +62,12 @@ def _bounds_speeds(d: FloatArray) -> bool:
 
 @njit(**BORROWING)
 def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, s: Workspace) -> int:
-    """Write the least-violating control of the way back, and of such the smallest; return the bits of what shapes it.
+    """Write the least-violating return control, the smallest if there are several; return the bits of its constraints.
 
-    Asked of the state after the hold: the speeds within their limits, each distance that is less than `INSIDE` (from
-    the chief, the largest range, the sun cone) growing at half the allowed speed and, if it was not negative, not
-    negative; coasting on must miss the chief. The half-spaces have unit normals, so violations are in newtons. Each
-    round adds those that the last control breaks. The desired control has no say.
+    It must satisfy, for the state after the hold: speeds are within their limits; each distance that is less than
+    `INSIDE` (from the chief, the largest range, the sun cone) grows at half the allowed speed and, if it was not
+    negative, is not negative; and coasting misses the chief. The half-spaces have unit normals, so violations are in
+    newtons. Each round adds the conditions that the last control violates. The desired control is ignored.
     """
     k, count, bits = HOLD_PIECES, as_int(0), 0
     now = node(x, sun)

@@ -1,4 +1,4 @@
-"""The rows of the backup filter, compiled; `BackupFilter` documents the method."""
+"""Compiled rows of the backup filter; see `BackupFilter` for the method."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace
 from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Where a row's control comes from: it is the desired one, its projection, what the search from the backup found, or
-#: the way back from a state without a backup.
+#: Origin of a row's control: the desired one, its projection, the result of the search from the backup, or the return
+#: control for a state without a backup.
 DESIRED, NEAREST, BACKUP, RETURN = range(4)
 
 
 @njit(**BORROWING)
 def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> bool:
-    """Look for a plan from a state and write its thrust into `s.backup`.
+    """Search for a plan from a state, write its thrust to `s.backup`, and return whether there is one.
 
-    What was taken with the whole margins is still safe with half of them, whatever the rounding since. With half of
-    them the plan that stays on a closed motion is tried first: it is the one that was taken, and no other plan, which
-    only half of the margins certify and which might be lost a step later, is to take its place.
+    A plan that was accepted with the full margins is still safe with half of them, whatever the rounding since. With
+    half margins, the plan that stays on a closed motion is tried first: it is the accepted one, and must not be
+    replaced by another plan that is certified with half margins only and might be lost one step later.
     """
     for half in range(2):
         margins, first = scaled(MARGINS, 1.0 - 0.5 * half), as_int(STAY if half else NO_PLAN)
@@ -40,11 +40,11 @@ def filter_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, desired: FloatArray,
     goes_near: bool, gain: FloatArray, memory: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
-    """Write each row's control, the bits of the constraints that refused the desired one, and where it comes from.
+    """Write each row's control, the bits of the constraints that rejected the desired one, and the control's origin.
 
-    Where the desired one is refused, one near to it is flown if `goes_near`, and else the backup plan. Where `memory`
-    has rows, it holds the plan of each and is written; the plan is tracked with that gain. Without rows plans are found
-    anew.
+    If the desired control is rejected, one near to it is applied if `goes_near`, and otherwise the backup plan. If
+    `memory` has rows, it contains the plan of each row and is updated; the plan is tracked with the given gain. If it
+    has none, plans are found again.
     """
     s, tracks, rounds = workspace(as_int(MAX_HALF_SPACES)), memory.shape[0] > 0, ROUNDS if goes_near else 0
     for i in range(position.shape[0]):
@@ -86,7 +86,7 @@ def admissible_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
     control: FloatArray, out: BoolArray,
 ) -> None:  # fmt: skip
-    """Write whether each row's control is within the thrusters, safe over the hold, and leaves a backup plan."""
+    """Write whether each row's control is within the limits, safe over the hold, and leaves a backup plan."""
     s = workspace(as_int(1))
     for i in range(position.shape[0]):
         x = (
@@ -105,7 +105,7 @@ def recoverable_rows(
     m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray, share: float,
     out: BoolArray, control: FloatArray,
 ) -> None:  # fmt: skip
-    """Write whether each row has a backup plan with a share of the margins, and its thrust (zero without one).
+    """Write whether each row has a backup plan with a share of the margins, and its thrust (zero if there is none).
 
     The plan that stays on a closed motion is tried first.
     """

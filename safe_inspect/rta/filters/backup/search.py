@@ -1,11 +1,12 @@
-"""The search for the safe control that is nearest to the desired one, compiled.
+"""Compiled search for the safe control that is nearest to the desired one.
 
-First the desired control is projected onto the half-spaces of the constraints that are convex, speeds and the largest
-range. All controls that meet these lie within, but for a few that the tangent half-space of `rel_vel` cuts off, whose
-limit grows with the range. So if the projection passes the exact test no other is nearer by more than a few mN. If it
-does not, because of the chief, the sun cone, or for want of a plan, the set of safe controls is not convex, and a
-pattern search (Hooke and Jeeves, "Direct search solution of numerical and statistical problems", Journal of the ACM 8,
-1961) leads from the backup's thrust to the desired one through controls that pass the test.
+First, the desired control is projected onto the half-spaces of the convex constraints, speeds and the largest range.
+These contain all controls that satisfy the constraints, except for a few that are excluded by the tangent half-space of
+`rel_vel`, whose limit grows with the range. Therefore, if the projection passes the exact test, no other control is
+nearer by more than a few mN. If it does not, because of the chief, the sun cone, or a missing plan, the set of safe
+controls is not convex. Then a pattern search (Hooke and Jeeves, "Direct search solution of numerical and statistical
+problems", Journal of the ACM 8, 1961) leads from the thrust of the backup towards the desired control through controls
+that pass the test.
 """
 
 from __future__ import annotations
@@ -27,32 +28,32 @@ from safe_inspect.rta.filters.tube.margins import widened
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
-#: Margins that a control must leave to be taken; a backup is still one with half of them.
+#: Margins that a control must leave to be accepted; a backup needs only half of them.
 MARGINS = Margins(1e-3, 1e-5, 1e-3)
-#: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
+#: Margins that the half-spaces of the programme add, as multiples of `MARGINS`.
 _EXTRA = 2.0
-#: Most rounds of the projection.
+#: Largest number of rounds of the projection.
 ROUNDS = 6
 _POLISH = 4
-#: A proposal that moves less than this [N] has settled.
+#: A proposal that moves by less than this [N] has converged.
 _STILL = 1e-7
-#: Halvings of the segment from the backup to the projection, with which the pattern search begins.
+#: Halvings of the segment from the backup to the projection, at the start of the pattern search.
 _HALVINGS = 3
-#: Its first step: share of the distance to be gained, and the largest; and its last, in multiples of `u_max`.
+#: First step of the search as a fraction of the distance to gain, largest step, and last step, in multiples of `u_max`.
 _SHARE, _LARGEST, _SMALLEST = 0.8, 0.5, 0.015
-#: How much steps turn to the desired control, beyond where they would only keep the distance from it.
+#: Weight of the direction to the desired control, beyond the part that would only preserve the distance from it.
 _TURN = 0.3
-#: Most strides of a step that was taken, each so many times as long as the one before.
+#: Largest number of repetitions of an accepted step, and the factor by which each is longer than the one before.
 _STRIDES, _STRETCH = 4, 1.5
-#: After steps of which none gains, the next are so many times as long, and go between them.
+#: If no step gains, the next steps are multiplied by this and point between the previous ones.
 _SHRINK = 0.5
-#: A step must gain this share of its length.
+#: A step must gain at least this fraction of its length.
 _GAIN = 0.05
 
 
 @njit(**BORROWING)
 def squared(a: FloatArray, b: FloatArray) -> float:
-    """Return the squared distance of two thrusts [N^2]."""
+    """Return the squared distance between two thrusts [N^2]."""
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
@@ -60,7 +61,7 @@ def squared(a: FloatArray, b: FloatArray) -> float:
 def verified(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
 ) -> tuple[int, int]:  # fmt: skip
-    """Return the constraint that refuses the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
+    """Return the constraint that rejects the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
     effort = size_of(u)
     code = hold(m, x, sun, u, widened(m, MARGINS, as_int(HOLD), effort, 0.0), s.cells, s.where)
     if code != SAFE:
@@ -71,13 +72,13 @@ def verified(
 
 @njit(**BORROWING)
 def _wanted(m: FilterModel, u: FloatArray) -> Margins:
-    """Return the margins of the programme's half-spaces: the state after the hold is that before a plan."""
+    """Return the margins of the programme's half-spaces: those before a plan, because a plan follows the hold."""
     return widened(m, scaled(MARGINS, _EXTRA), as_int(PLAN), size_of(u), 0.0)
 
 
 @njit(**BORROWING)
 def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: int, s: Workspace) -> int:
-    """Return the bits of the constraints that refuse a control, given what `verified` says of its hold."""
+    """Return the bits of the constraints that reject a control, given the result of `verified` for its hold."""
     if code == SAFE:
         return 1 << tightest(m, x, sun, u, s)
     return int(cut_broken(m, x, sun, u, as_bool(False), _wanted(m, u), s, as_int(0))[1] | 1 << code)
@@ -87,12 +88,12 @@ def _refusals(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, code: i
 def propose(
     m: FilterModel, x: RowState, sun: SunAngle, desired: FloatArray, rounds: int, u: FloatArray, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
-    """Project the desired control into u, in so many rounds at most.
+    """Project the desired control into u, in at most `rounds` rounds.
 
-    The desired one, clipped, is written into `s.desired`, and the thrust of the plan after a verified u into `s.w`.
+    The desired control, clipped, is written to `s.desired`, and the thrust of the plan after a verified u to `s.w`.
 
     Returns:
-        The bits of what refuses the desired control, and whether u is verified.
+        The bits of the constraints that reject the desired control, and whether u is verified.
     """
     for axis in range(3):
         s.desired[axis] = min(max(desired[axis], -m.u_max), m.u_max)
@@ -134,7 +135,7 @@ def propose(
 
 @njit(**BORROWING)
 def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -> int:
-    """Make `s.trial` the best control if it is verified; return the plan after it, or NO_PLAN."""
+    """Copy `s.trial` to the best control if it is verified; return the plan after it, or NO_PLAN."""
     found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
     if found != NO_PLAN:
         for axis in range(3):
@@ -153,13 +154,13 @@ def _step(
         x: The state.
         sun: Cosine and sine of the sun angle.
         away: Distance of the best control from the desired one [N].
-        length: Length of the step [N]; with the other sign steps go between those of the first.
+        length: Length of the step [N]; with the opposite sign, steps point between those of the first sign.
         plan: The plan after the best control.
         s: Workspace.
     """
     best, desired, trial = s.best, s.desired, s.trial
     ex, ey, ez = (desired[0] - best[0]) / away, (desired[1] - best[1]) / away, (desired[2] - best[2]) / away
-    # a vector across that direction, from the axis that it leaves most free
+    # A vector perpendicular to that direction, constructed from the axis nearest to perpendicular.
     ax, ay, az = abs(ex), abs(ey), abs(ez)
     if ax <= ay and ax <= az:
         tx, ty, tz = 0.0, -ez, ey
@@ -199,12 +200,12 @@ def _step(
 
 @njit(**BORROWING)
 def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> bool:
-    """Write into u, which holds the projection, a verified control as near to the desired one as steps lead.
+    """Write to u, which contains the projection, a verified control that the search finds nearest to the desired one.
 
-    They begin at `s.backup`, and end where no step of `_SMALLEST` gains, or next to the distance of the projection.
+    The search starts at `s.backup`, and ends when no step of `_SMALLEST` gains, or near the distance of the projection.
 
     Returns:
-        Whether it is another one than the backup; the thrust of the plan after it is then in `s.plan`.
+        Whether the control differs from the backup; the thrust of the plan after it is then in `s.plan`.
     """
     for axis in range(3):
         s.best[axis], s.proposal[axis] = s.backup[axis], u[axis]

@@ -1,7 +1,7 @@
-"""Functions that ask the row kernels of all constraints of `CERTIFIED`, generated around them.
+"""Generated functions that call the row kernels of all constraints of `CERTIFIED`.
 
-Each takes first c, the numbers of all constraints. Those that do not count are asked too: their numbers refuse nothing,
-so that one machine code serves every choice of constraints.
+The first argument of each is c, the numbers of all constraints. Constraints that do not apply are called too: their
+numbers reject nothing, so the same machine code works for every choice of constraints.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from safe_inspect.compiling import Kernel, generate
 from safe_inspect.rta.constraints.certified import CERTIFIED
 from safe_inspect.rta.constraints.rows import INLINED
 
-#: In place of a code: nothing is refused.
+#: Value instead of a code if nothing is rejected.
 SAFE = -1
 
 
@@ -33,20 +33,20 @@ def _function(name: str, question: str, arguments: str, lines: list[str]) -> Any
 
 
 def _first_refusal(question: str, arguments: str, *, cheap_first: bool = False) -> Any:
-    """Return a function that gives the code of the first constraint whose kernel is true, or SAFE."""
+    """Return a function that returns the code of the first constraint whose kernel is true, or SAFE."""
     codes = sorted(_asked(question), key=_cost) if cheap_first else list(_asked(question))
     lines = [f"if k{code}(c[{code}], {arguments}): return {code}" for code in codes]
     return _function(f"first_{question}", question, arguments, [*lines, f"return {SAFE}"])
 
 
 def _of_code(question: str, arguments: str, otherwise: str) -> Any:
-    """Return a function that asks the constraint of a code."""
+    """Return a function that calls the kernel of the constraint with a given code."""
     lines = [f"if code == {code}: return k{code}(c[{code}], {arguments})" for code in _asked(question)]
     return _function(f"{question}_of", question, f"code, {arguments}", [*lines, f"return {otherwise}"])
 
 
 def _least(question: str, arguments: str) -> Any:
-    """Return a function that gives the least number of all constraints, and the code of whose it is."""
+    """Return a function that returns the least value over all constraints, and the code of that constraint."""
     first, *others = _asked(question)
     lines = [f"least, which = k{first}(c[{first}], {arguments}), {first}"]
     for code in others:
@@ -55,22 +55,22 @@ def _least(question: str, arguments: str) -> Any:
 
 
 def bits_of(question: str) -> int:
-    """Return the bits of the codes of the constraints that have a kernel."""
+    """Return the bits of the codes of the constraints that have the given kernel."""
     return sum(1 << code for code in _asked(question))
 
 
-#: (c, node, margins): the code of a constraint that is not met at a node of an arc, or SAFE.
+#: (c, node, margins): the code of a constraint that is violated at a node of an arc, or SAFE.
 broken_at = _first_refusal("broken", "node, margins")
 #: (c, cell, margins): the code of a constraint that the ends of an `ArcCell` cannot certify, or SAFE.
 uncertain = _first_refusal("uncertain", "cell, margins", cheap_first=True)
-#: (c, speeds, margins): the code of a constraint that a closed motion with those largest speeds breaks, or SAFE.
+#: (c, speeds, margins): the code of a constraint that a closed motion with those largest speeds violates, or SAFE.
 too_fast = _first_refusal("amplitude", "speeds, margins")
-#: (c, node, margins) and (c, cell, margins): the same as the first two of a closed motion.
+#: (c, node, margins) and (c, cell, margins): the same as the first two, for a closed motion.
 broken_at_closed = _first_refusal("closed_broken", "node, margins")
 uncertain_closed = _first_refusal("closed_uncertain", "cell, margins", cheap_first=True)
-#: (c, node): the least slack of all constraints [m] and the code of whose it is.
+#: (c, node): the least slack of all constraints [m], and the code of that constraint.
 least_slack = _least("slack", "node")
-#: (c, node): the least speed limit [m/s] and the code of whose it is.
+#: (c, node): the least speed limit [m/s], and the code of that constraint.
 least_allowed_speed = _least("allowed_speed", "node")
 #: (c, code, node, margins, d): see `RowKernels.support`.
 support_of = _of_code("support", "node, margins, d", "0.0")

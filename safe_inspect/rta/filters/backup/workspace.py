@@ -1,4 +1,4 @@
-"""Arrays for one row's intermediate results, made once for a batch: compiled rows then allocate nothing."""
+"""Arrays for the intermediate results of one row, created once per batch so that compiled rows allocate nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.numerics.projection import ProjectionWorkspace, projection_workspace
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-#: Most half-spaces of one row's programme.
+#: Largest number of half-spaces of one row's quadratic programme.
 MAX_HALF_SPACES = 48
 
 
@@ -21,16 +21,16 @@ class Workspace(NamedTuple):
 
     Attributes:
         work: For `closed_motion`, shape `NODE_STACK`.
-        weak: Nodes where the closed motion of each plan was refused last, and of a pair, shape (PLANS + 1, 2).
+        weak: Nodes at which the closed motion of each plan was last rejected, and of a pair, shape (PLANS + 1, 2).
         cells: For `hold`, shape (64, 4).
-        where: Where a hold was refused, shape (2,).
-        at: The same, of a plan's hold.
-        rows: Half-spaces' normals, shape (M, 3).
-        bounds: Half-spaces' right-hand sides, shape (M,).
-        missed: Half-spaces that were broken, shape (M,).
+        where: Where a hold was rejected, shape (2,).
+        at: Where the hold of a plan was rejected, shape (2,).
+        rows: Normals of the half-spaces, shape (M, 3).
+        bounds: Right-hand sides of the half-spaces, shape (M,).
+        missed: Half-spaces that were violated, shape (M,).
         projection: For `nearest`.
         d: A direction of states, shape (6,).
-        w: A control or point, shape (3,), as are the rest; `lead` and `then` are those of `plans`.
+        w: A control or point, shape (3,), as are the following arrays; `lead` and `then` are those of `plans`.
     """
 
     work: FloatArray
@@ -68,7 +68,7 @@ def workspace(most: int) -> Workspace:
 
 @njit(error_model="numpy")
 def as_int(value: int) -> int:
-    """Return a constant as a number: passed as a literal, the compiler would make a copy of the callee for it."""
+    """Return a constant as a number; for a literal, the compiler would make a separate copy of the called function."""
     return int(np.int64(value))
 
 

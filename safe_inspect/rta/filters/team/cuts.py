@@ -1,7 +1,7 @@
-"""Half-spaces of joint controls that stand for the constraints of each deputy and each pair, compiled.
+"""Compiled half-spaces of joint controls that approximate the constraints of each deputy and each pair.
 
-Those of a deputy alone are the ones of the single filter. Those of a pair's hold are the same about the other deputy,
-as half-spaces of the difference of the two thrusts. Those of a pair's plans are linear in both thrusts.
+Those of a deputy alone are the same as in the single filter. Those of a pair's hold are the same with respect to the
+other deputy, as half-spaces of the difference of the two thrusts. Those of a pair's plans are linear in both thrusts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.rta.filters.tube.margins import widened
 
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
-#: Slack that a plan is asked for at the nodes of its orbit [m], for what lies between them.
+#: Slack required of a plan at the nodes of its orbit [m], to cover the motion between them.
 _NODE_MARGIN = 0.05
 #: Step of the differences [N].
 _STEP = 1e-4
@@ -34,9 +34,9 @@ _STEP = 1e-4
 
 @njit(**BORROWING)
 def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
-    """Append the half-spaces in `s.rows` to the programme: of the thrust of i, or if j >= 0 of that of i minus j.
+    """Append the half-spaces in `s.rows` to the programme: of the thrust of i or, if j >= 0, of that of i minus j.
 
-    The thrusts of deputies that coast are given.
+    The thrusts of deputies that coast are fixed.
     """
     for r in range(new):
         first, second = s.rows[r], not t.fixed[i]
@@ -66,7 +66,7 @@ def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace
 
 @njit(**BORROWING)
 def _write_thrust(i: int, j: int, t: TeamWorkspace) -> None:
-    """Write the last proposal's thrust of a deputy, less that of another if j >= 0, into `t.u`."""
+    """Write the last proposal's thrust of a deputy, minus that of another if j >= 0, to `t.u`."""
     for axis in range(3):
         t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
 
@@ -76,15 +76,15 @@ def cut_holds(
     g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, bits: bool, count: int,
     t: TeamWorkspace, s: Workspace,
 ) -> int:  # fmt: skip
-    """Append half-spaces for every deputy and pair whose hold of the last proposal was refused; return the count.
+    """Append half-spaces for every deputy and pair whose hold of the last proposal was rejected; return the count.
 
     Args:
         g: The task.
         sun: Cosine and sine of the sun angle.
-        own_side: Whether to stay on this side of the chief, instead of passing beside it; of other deputies, always.
+        own_side: Whether to stay on this side of the chief instead of passing it; for other deputies, always true.
         margins: Margins of the constraints.
-        bits: Whether to note what refused the hold in `t.bits`.
-        count: How many half-spaces there are.
+        bits: Whether to record in `t.bits` what rejected the hold.
+        count: Number of half-spaces so far.
         t: Workspace, after `tested`.
         s: Workspace.
     """
@@ -120,7 +120,7 @@ def cut_holds(
 def cut_ends(
     g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, count: int, t: TeamWorkspace, s: Workspace
 ) -> int:  # fmt: skip
-    """Append half-spaces for all that the last proposal breaks at the end of its hold; return the count."""
+    """Append half-spaces for everything that the last proposal violates at the end of its hold; return the count."""
     deputies, u = t.x.shape[0], t.u
     for i in range(deputies):
         if not t.fixed[i]:
@@ -158,7 +158,7 @@ def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspa
 
 @njit(**BORROWING)
 def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
-    """Append half-spaces that make the plans of a pair pass each other, at the nodes of an orbit where they do not."""
+    """Append half-spaces that keep a pair's plans apart, at nodes of an orbit where they are not; return the count."""
     m, n = g.one, g.one.n
     one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
     wide = beside(g, beside(g, _NO_MARGINS, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
@@ -208,17 +208,17 @@ def cut_plans(
     g: TeamModel, sun: SunAngle, stuck: int, alone: bool, margins: Margins, bits: bool, count: int, t: TeamWorkspace,
     s: Workspace,
 ) -> int:  # fmt: skip
-    """Append half-spaces for the joint plan that the last proposal leaves no room for; return the count.
+    """Append half-spaces for the joint plan that the last proposal does not allow; return the count.
 
     Args:
         g: The task.
         sun: Cosine and sine of the sun angle before the hold.
         stuck: The deputy that found no plan.
-        alone: Whether it has none even alone: then its own constraints are made linear, else the distances of the
-            pairs, on the plans that lie farthest apart.
+        alone: Whether it has none even alone: then its own constraints are linearised, otherwise the distances of the
+            pairs, on the plans that are farthest apart.
         margins: Margins of the plans.
-        bits: Whether to note what refused the hold in `t.bits`.
-        count: How many half-spaces there are.
+        bits: Whether to record in `t.bits` what rejected the hold.
+        count: Number of half-spaces so far.
         t: Workspace, after `tested`.
         s: Workspace.
     """

@@ -1,10 +1,11 @@
-"""Do two coasting deputies stay apart, though the motion of one relative to the other drifts? Compiled.
+"""Certificate that two coasting deputies stay apart, even if the motion of one relative to the other drifts, compiled.
 
-The relative motion is a centre that moves along y at a constant rate plus an oscillation o with the orbit's period. In
-the angle tau = n t of the orbit its second derivative is -o, and every derivative of o is at most
-rho = sqrt(4 A^2 + B^2) long, A and B the amplitudes in x and z. So a cell of the path is certified by its ends as in
-`constraints.rows`, and the speed, at most |drift| + rho, tells how far on nothing can come near. When the centre has
-gone past the other by more than the amplitude of the motion along y, the two are apart for ever after.
+The relative motion is a centre that moves along y at a constant rate, plus an oscillation o with the orbit's period. In
+the angle tau = n t of the orbit, its second derivative is -o, and every derivative of o is at most
+rho = sqrt(4 A^2 + B^2) long, where A and B are the amplitudes in x and z. A cell of the path is therefore certified by
+its ends as in `constraints.rows`, and the speed, at most |drift| + rho, bounds how soon the deputies can be near each
+other. When the centre has passed the other deputy by more than the amplitude of the motion along y, the two stay apart
+permanently.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh_row import RowState
 from safe_inspect.rta.constraints.rows import lowest
 
-#: Orbits for which a pair is certified that neither drifts away nor has no drift at all.
+#: Number of orbits for which a pair is certified that neither drifts away nor is without drift.
 ORBITS = 4
 _CELL = math.pi / 8.0
 _FINEST = _CELL / 2.0**16
@@ -24,7 +25,7 @@ _FINEST = _CELL / 2.0**16
 
 @njit(**BORROWING)
 def apart(n: float, x: RowState, reach: float) -> bool:
-    """Return whether the range of a coasting relative motion stays at least `reach`: see `ORBITS` for how long.
+    """Return whether the range of a coasting relative motion stays at least `reach`; see `ORBITS` for the duration.
 
     Args:
         n: Mean motion [rad/s].

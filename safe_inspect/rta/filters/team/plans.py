@@ -1,7 +1,8 @@
 """Joint backup plans of a team, and the exact test of a joint control, compiled.
 
-The difference of two motions about the chief obeys the same equations, with the difference of the thrusts as its
-input, and that of two closed motions is closed. So a pair is tested as one deputy about a chief in the other's place.
+The difference of two motions about the chief satisfies the same equations, with the difference of the thrusts as its
+input, and the difference of two closed motions is closed. A pair is therefore tested as one deputy about a chief in the
+place of the other deputy.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.rta.filters.tube.margins import widened
 from safe_inspect.types import FloatArray
 
-#: A deputy and its plan.
+#: Index of a deputy, and of its plan.
 Choice = tuple[int, int]
-#: What a test of a joint control says.
+#: Results of the test of a joint control.
 PASSED, UNSAFE_HOLD, NO_JOINT_PLAN = range(3)
-#: All deputies have a plan; else the number of the one that has none.
+#: Value if all deputies have a plan; otherwise, the index of the one that has none.
 FOUND = -1
 _UNKNOWN, _GOOD, _BAD = range(3)
-#: Every so many of the fine nodes of an orbit, the distances of pairs are compared.
+#: Stride of the fine nodes of an orbit at which the distances of pairs are compared.
 _STRIDE = 4
 
 
@@ -64,7 +65,7 @@ def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: Floa
 
 @njit(**BORROWING)
 def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
-    """Forget what is known of the plans; those that coast have the plan 0: if `now` the thrust that `enter` wrote."""
+    """Reset the results of the plans; deputies that coast have plan 0, if `now` with the thrust written by `enter`."""
     t.met[:] = _UNKNOWN
     for i in range(x.shape[0]):
         t.line[i] = i
@@ -83,7 +84,7 @@ def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> N
 def alone_safe(
     m: FilterModel, x: FloatArray, sun: SunAngle, i: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
-    """Is a plan of a deputy safe without regard to the others? What is found is remembered."""
+    """Return whether a plan of a deputy is safe regardless of the others; the result is stored."""
     if t.known[i, plan] == _UNKNOWN:
         u = t.thrust[i, plan]
         t.known[i, plan] = _BAD
@@ -100,7 +101,7 @@ def _pair_safe(
     g: TeamModel, x: FloatArray, sun: SunAngle, first: Choice, second: Choice, margins: Margins, t: TeamWorkspace,
     s: Workspace,
 ) -> bool:  # fmt: skip
-    """Do two deputies stay apart in their plans' holds and ever after?"""
+    """Return whether two deputies stay apart in the holds of their plans and at all later times."""
     q, (i, plan), (j, other) = g.pair, first, second
     after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
     one, two = size_of(t.thrust[i, plan]), size_of(t.thrust[j, other])
@@ -123,7 +124,7 @@ def _pair_safe(
 def _fits(
     g: TeamModel, x: FloatArray, sun: SunAngle, place: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
-    """Is a plan of the deputy at a place of the line safe, and apart from those before it?"""
+    """Return whether a plan of the deputy at a place of the order is safe, and apart from the plans before it."""
     i = t.line[place]
     if not alone_safe(g.one, x, sun, i, plan, margins, t, s):
         return False
@@ -146,13 +147,13 @@ def joint_plan(
     g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, now: bool, t: TeamWorkspace,
     s: Workspace,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Look for a joint plan from states x, the present ones if `now`, the hints first; write it into `t.plan`.
+    """Search for a joint plan from states x, the present ones if `now`, with the hints first; write it to `t.plan`.
 
-    One deputy after another takes the first plan that is safe and apart from the plans before it. One that finds none
-    goes to the head of the line, and all choose anew, at most `turns` times.
+    One deputy after another takes the first plan that is safe and apart from the plans before it. A deputy that finds
+    none is moved to the front of the order, and all choose again, at most `turns` times.
 
     Returns:
-        The deputy that found no plan, or FOUND, and whether it had none even alone.
+        The deputy that found no plan, or FOUND, and whether it has none even alone.
     """
     deputies = x.shape[0]
     reset_plans(g.one, x, now, t)
@@ -203,14 +204,14 @@ def tested(
         sun: Cosine and sine of the sun angle.
         control: The thrusts [N], shape (3 D,).
         margins: Margins of the constraints.
-        most: How many plans of each deputy to try.
-        turns: How often deputies may choose anew.
-        whole: True: write what is wrong with every deputy and pair; False: stop at the first.
-        t: Workspace; the joint plan is written into `t.plan`.
+        most: Number of plans of each deputy to try.
+        turns: Number of times that deputies may choose.
+        whole: True: write the result for every deputy and pair; False: stop at the first violation.
+        t: Workspace; the joint plan is written to `t.plan`.
         s: Workspace.
 
     Returns:
-        PASSED, UNSAFE_HOLD or NO_JOINT_PLAN; for the last, what `joint_plan` returns.
+        PASSED, UNSAFE_HOLD or NO_JOINT_PLAN; for the last, followed by the result of `joint_plan`.
     """
     deputies = t.x.shape[0]
     broken, p = False, 0
@@ -253,7 +254,7 @@ def tested(
 
 @njit(**BORROWING)
 def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace) -> float:
-    """Return the least distance of a deputy's plan from those of the others, over one orbit, unless less than best."""
+    """Return the least squared distance of a deputy's plan from the others' over an orbit, or one not above `best`."""
     least = math.inf
     for j in range(t.x.shape[0]):
         if j == i or t.plan[j] == NO_PLAN:
@@ -272,9 +273,9 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace)
 def farthest_plans(
     g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, t: TeamWorkspace, s: Workspace
 ) -> None:  # fmt: skip
-    """Write into `t.plan` plans that are safe alone and as far apart as they can be chosen one by one.
+    """Write to `t.plan` plans that are safe alone and, chosen one by one, as far apart as possible.
 
-    A deputy without a plan of its own has NO_PLAN. What `joint_plan` has found of the same states is used.
+    A deputy that has no plan alone gets NO_PLAN. Results that `joint_plan` has stored for the same states are used.
     """
     deputies = x.shape[0]
     for i in range(deputies):

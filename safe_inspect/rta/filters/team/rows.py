@@ -1,4 +1,4 @@
-"""The rows of the team's filter, compiled; `TeamFilter` documents the method."""
+"""Compiled rows of the team's filter; see `TeamFilter` for the method."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Positions (N, D, 3), velocities (N, D, 3) and sun angles (N,).
 TeamArrays = tuple[FloatArray, FloatArray, FloatArray]
-#: Bits of what keeps off the chief.
+#: Bits of the constraints on the distance from the chief.
 _NEAR_BITS = 1 << COLLISION | 1 << PSM
-#: What the half-spaces of the programme ask for beyond the margins, in multiples of them.
+#: Margins that the half-spaces of the programme add, as multiples of `MARGINS`.
 _EXTRA = 2.0
 _ROUNDS = 6
-#: How often the deputies' plans are chosen anew in a round.
+#: Number of times that the deputies' plans are chosen in a round.
 _TURNS = 2
-#: Rounds that may end in states without a joint plan.
+#: Largest number of rounds that end in states without a joint plan.
 _RECOVERIES = 2
 _POLISH = 4
-#: A proposal that moves less than this [N] has settled.
+#: A proposal that moves by less than this [N] has converged.
 _STILL = 1e-7
 _HALVINGS = 5
-#: Plans that the search between the backup and the last proposal tries, beside the last that was safe.
+#: Number of plans that the search between the backup and the last proposal tries, in addition to the last safe one.
 _FEW = 6
 #: Distance of a control from the best one at which that search ends [N].
 _FINE = 2e-3
@@ -74,9 +74,10 @@ def _keep(source: IntArray, target: IntArray) -> None:
 
 @njit(**BORROWING)
 def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Workspace) -> bool:
-    """Look for a joint control by cutting planes; True where `t.control` is one and `t.plan` its plan.
+    """Search for a joint control by cutting planes; return whether `t.control` is one, with its plan in `t.plan`.
 
-    Each round adds half-spaces for all that the last proposal breaks and proposes the control of the programme.
+    Each round adds half-spaces for everything that the last proposal violates, and proposes the solution of the
+    programme.
     """
     margins = scaled(MARGINS, _EXTRA)
     count, unrecovered = as_int(0), 0
@@ -110,7 +111,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
 
 @njit(**BORROWING)
 def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Take `t.trial` as the best control if it is nearer to the desired one and passes the test."""
+    """Make `t.trial` the best control if it is nearer to the desired one and passes the test; return whether it is."""
     if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
         return False
     if tested(g, sun, t.trial, MARGINS, as_int(_FEW), as_int(_TURNS), False, t, s)[0] != PASSED:
@@ -123,12 +124,12 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 @njit(**BORROWING)
 def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write into `t.best` a tested control between the backup and the last proposal, as near to it as it finds.
+    """Write to `t.best` a tested control between the backup and the last proposal, the nearest to it that is found.
 
-    First all deputies move together, then one after another on from there.
+    First all deputies move together, then one after another from the result.
 
     Returns:
-        Whether it is another one than the backup.
+        Whether the control differs from the backup.
     """
     deputies, better = t.x.shape[0], False
     _copy(t.backup, t.best)
@@ -162,10 +163,10 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
 
 @njit(**BORROWING)
 def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write the thrust of a joint plan of the present states into `t.backup`; False where there is none.
+    """Write the thrust of a joint plan of the present states to `t.backup`; return whether there is one.
 
-    What was taken with the whole margins is still safe with half of them, whatever the rounding since; the plan that
-    is remembered is tried before others, so it is found again.
+    A plan that was accepted with the full margins is still safe with half of them, whatever the rounding since. The
+    stored plan is tried before others, so it is found again.
     """
     for half in range(2):
         margins = scaled(MARGINS, 1.0 - 0.5 * half)
@@ -180,7 +181,7 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 @njit(**BORROWING)
 def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
-    """Write into `t.best` the way back: plans that are safe alone and lie far apart, else that of a single deputy."""
+    """Write return controls to `t.best`: plans that are safe alone and far apart, or those of the single filter."""
     farthest_plans(g, t.x, sun, scaled(MARGINS, 0.5), as_int(PLANS), t, s)
     for i in range(t.x.shape[0]):
         if t.plan[i] != NO_PLAN:
@@ -198,10 +199,10 @@ def filter_team_rows(
     g: TeamModel, states: TeamArrays, desired: FloatArray, fixed: BoolArray, memory: IntArray,
     gain: FloatArray, tracks: FloatArray, control: FloatArray, refused: IntArray, stage: IntArray,
 ) -> None:  # fmt: skip
-    """Write each environment's controls (N, D, 3), bits of what refused the desired ones (N, D), and stage (N,).
+    """Write each environment's controls (N, D, 3), bits of what rejected the desired ones (N, D), and stage (N,).
 
-    `memory` (N, D) holds the plan of each deputy, counted from 1, or 0; it is replaced by that of the state to come.
-    Where `tracks` has rows (N, D, 10), it holds the plans themselves and is written; they are tracked with that gain.
+    `memory` (N, D) contains the plan of each deputy, counted from 1, or 0; it is replaced by that of the next state. If
+    `tracks` has rows (N, D, 10), it contains the plans themselves and is updated; they are tracked with the given gain.
     """
     position, velocity, sun_angle = states
     s, t, tracks_plans = workspace(as_int(MAX_HALF_SPACES)), team_workspace(position.shape[1]), tracks.shape[0] > 0
@@ -241,7 +242,7 @@ def filter_team_rows(
             memory[row, i] = 0 if t.fixed[place] else t.kept[place] + 1
             for axis in range(3):
                 control[row, i, axis] = t.best[3 * place + axis]
-            if t.fixed[place] and remembers(plans[i]):  # the thrust of its plan is flown as it is tracked
+            if t.fixed[place] and remembers(plans[i]):  # The thrust of its plan is applied with tracking.
                 x = (
                     position[row, i, 0], position[row, i, 1], position[row, i, 2],
                     velocity[row, i, 0], velocity[row, i, 1], velocity[row, i, 2],
@@ -256,10 +257,9 @@ def team_rows(
     g: TeamModel, states: TeamArrays, control: FloatArray, fixed: BoolArray, memory: IntArray,
     plan: bool, out: BoolArray,
 ) -> None:  # fmt: skip
-    """Write whether each environment's joint control is admissible, or if `plan`, whether it has a joint plan.
+    """Write whether each environment's joint control is admissible or, if `plan`, whether it has a joint plan.
 
-    In the latter case the plan's thrust is written into `control`, zero where there is none, and its number into
-    `memory`.
+    In the latter case, the plan's thrust is written to `control`, zero if there is none, and its number to `memory`.
     """
     position, velocity, sun_angle = states
     s, t = workspace(as_int(MAX_HALF_SPACES)), team_workspace(position.shape[1])

@@ -1,4 +1,4 @@
-"""Joint plans that are remembered and tracked, and the tubes about them, compiled."""
+"""Joint plans that are stored and tracked, and the tubes about them, compiled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from safe_inspect.types import FloatArray
 
 @njit(**BORROWING)
 def state_of(x: FloatArray, i: int) -> RowState:
-    """Return a row of states as the tuple that the tests take."""
+    """Return a row of states as the tuple that the tests use."""
     return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
 
 
@@ -27,9 +27,9 @@ def state_of(x: FloatArray, i: int) -> RowState:
 def beside(
     g: TeamModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace
 ) -> Margins:  # fmt: skip
-    """Widen the margins of a pair by the tube of one of them, in a part of its motion that begins with `HOLD`.
+    """Widen the margins of a pair by the tube of one of its deputies, in a part of its motion, numbered from `HOLD`.
 
-    A deputy that is fixed is somewhere in the tube of the closed motion that it tracks.
+    A deputy that is fixed is within the tube of the closed motion that it tracks.
     """
     if t.fixed[i]:
         most = math.sqrt(3.0) * g.one.u_max
@@ -41,10 +41,10 @@ def beside(
 
 @njit(**BORROWING)
 def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWorkspace) -> bool:
-    """Write the thrusts that track the remembered joint plan into `t.backup`; False where there is none."""
+    """Write the thrusts that track the stored joint plan to `t.backup`; return whether there is one."""
     for place in range(t.x.shape[0]):
         plan = tracks[t.order[place]]
-        if t.fixed[place]:  # it stands where its plan does, which has that thrust
+        if t.fixed[place]:  # Its state is that of its plan, which has that thrust.
             for axis in range(3):
                 t.u[axis] = t.desired[3 * place + axis]
         elif remembers(plan):
@@ -58,7 +58,7 @@ def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWo
 
 @njit(**BORROWING)
 def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
-    """Remember the joint plan of the present states."""
+    """Store the joint plan of the present states."""
     for place in range(t.x.shape[0]):
         if not t.fixed[place]:
             begin_plan(state_of(t.x, place), t.backup[3 * place : 3 * place + 3], tracks[t.order[place]])
@@ -66,7 +66,7 @@ def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
 
 @njit(**BORROWING)
 def remember_plans(m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, t: TeamWorkspace, s: Workspace) -> None:
-    """Remember the joint plan after the step: that of `t.best` where it is `moved`, else the one before goes on."""
+    """Store the joint plan after the step: that of `t.best` if `moved`, otherwise the previous one continues."""
     for place in range(t.x.shape[0]):
         plan = tracks[t.order[place]]
         if lost and not t.fixed[place]:

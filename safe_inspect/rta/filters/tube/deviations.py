@@ -1,13 +1,13 @@
-"""How far a deputy that tracks its plan can be from it, under a bounded disturbance.
+"""Bounds on the distance of a deputy from the plan that it tracks, under a bounded disturbance.
 
-The deputy holds a thrust u, then its plan's thrust v, and then coasts on the plan's closed motion; from the plan on it
-adds K (estimate - plan) to the plan's thrust. Its deviation d from the plan follows
+The deputy holds a thrust u, then its plan's thrust v, and then coasts on the plan's closed motion; from the start of
+the plan on, it adds K (estimate - plan) to the plan's thrust. Its deviation d from the plan follows
 
     d' = (Phi + Gamma K) d + Gamma (K e + t) + w,
 
-with the estimation error e, the thrust's error t, |t| <= share |thrust|, and the velocity w, which may come at any
-moments of the hold. So it is a sum over the past, whose terms are bounded one by one by spectral norms: a bound for
-every disturbance, a multiple of 1, |u| and |v|.
+with the estimation error e, the error t of the thrust, |t| <= share |thrust|, and the velocity w, which can be added at
+any moment of the hold. The deviation is therefore a sum over the past, whose terms are bounded one by one by spectral
+norms. The result is a bound for every disturbance, as multiples of 1, |u| and |v|.
 
 Source:
     Chisci, Rossiter and Zappa, "Systems with persistent disturbances: predictive control with restricted constraints",
@@ -27,24 +27,25 @@ from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.types import FloatArray
 
-#: Weights of the regulator, of squared errors of position and velocity in units of what a thrust of 1 N does in a hold.
-#: Thrusts that follow the errors of the estimate cost speed, slow returns cost distance: these keep both margins small.
+#: Weights of the regulator, of squared errors of position and velocity in units of the effect of 1 N during a hold.
+#: Thrusts that follow the errors of the estimate increase the speed, slow corrections increase the distance: these
+#: weights keep both margins small.
 _POSITION_WEIGHT, _VELOCITY_WEIGHT = 1.0, 64.0
-#: Moments of a hold at which deviations are computed; a hundredth more than the largest bounds what lies between them.
+#: Number of moments of a hold at which deviations are computed; 1 % more than the largest bounds those between them.
 _MOMENTS = 9
 _MORE = 1.01
-#: Holds after which the deviation must have settled, and to what share of it.
+#: Number of holds after which the deviation must have settled, and the fraction of it that may remain.
 _HOLDS = 400
 _SETTLED = 1e-6
 
 
 class Deviations(NamedTuple):
-    """Bounds of a deviation over a hold, each a multiple of (1, |u|, |v|), shape (3,).
+    """Bounds on a deviation over a hold, each as multiples of (1, |u|, |v|), shape (3,).
 
     Attributes:
         length: Distance [m].
-        speed: Size of the velocity's deviation [m/s].
-        thrust: What the tracking adds to the thrust of an axis [N].
+        speed: Size of the deviation of the velocity [m/s].
+        thrust: Component that tracking adds to the thrust [N].
     """
 
     length: FloatArray
@@ -53,10 +54,10 @@ class Deviations(NamedTuple):
 
 
 class PlanTracker:
-    """Tracking of plans under a bounded disturbance.
+    """Controller that tracks plans under a bounded disturbance.
 
     Attributes:
-        bounds: What is withstood.
+        bounds: Bounds of the disturbances.
         gain: K, from the deviation of position and velocity to thrust [N/m, N s/m], shape (3, 6).
     """
 
@@ -71,7 +72,7 @@ class PlanTracker:
         free, input_ = np.stack([m[0] for m in maps]), np.stack([m[1] for m in maps])
         steered = input_ @ self.gain
         error, velocity = (bounds.position_error, bounds.velocity_error), bounds.velocity
-        #: Each disturbance: its bound, or None for the thrust's error; its effect in its own hold and at the end of it.
+        #: For each disturbance: its bound, or None for the error of the thrust; its effect in its hold and at the end.
         self._sources = {
             "first position": (error[0], free[..., :3], free[-1:, :, :3]),
             "first velocity": (error[1], free[..., 3:], free[-1:, :, 3:]),
@@ -83,9 +84,9 @@ class PlanTracker:
         self._responses = self._respond(free + steered)
 
     def _respond(self, steered: FloatArray) -> dict[str, FloatArray]:
-        """Return what each disturbance does in its own hold and in those after it, shape (1 + holds, 4).
+        """Return the effect of each disturbance in its hold and in those after it, shape (1 + holds, 4).
 
-        Columns: distance, speed, size of the tracking thrust, largest thrust of an axis.
+        Columns: distance, speed, size of the tracking thrust, largest component of the thrust.
         """
         responses = {}
         for name, (bound, now, end) in self._sources.items():
@@ -108,8 +109,8 @@ class PlanTracker:
         """Return the deviations in each hold.
 
         Args:
-            planned: For each hold from the first which of (1, |u|, |v|) its planned thrust is; none after these. In the
-                first the deputy flies what was planned for its estimate, so that only the estimate's error counts.
+            planned: For each hold from the first, the index in (1, |u|, |v|) of its planned thrust; later holds have
+                none. In the first, the deputy applies what was planned for its estimate, so only its error matters.
         """
         response, found = self._responses, []
         efforts = np.zeros((_HOLDS, 3))
@@ -137,7 +138,7 @@ class PlanTracker:
 
     @property
     def settles(self) -> bool:
-        """Whether deviations are bounded for ever: nothing is left of a disturbance after the last hold, nor grows."""
+        """Whether deviations remain bounded: disturbances vanish after the last hold, and errors do not amplify."""
         left = max(float(response[-1].max() / max(response[0].max(), 1e-300)) for response in self._responses.values())
         feedback = self._share * self._responses["thrust"][:, 2].sum()
         return left < 1e-3 and feedback < 1.0
@@ -149,5 +150,5 @@ def _largest(blocks: FloatArray) -> float:
 
 
 def _sizes(blocks: FloatArray) -> tuple[float, float]:
-    """Return the largest spectral norms of the rows of positions and of velocities."""
+    """Return the largest spectral norms of the position rows and of the velocity rows."""
     return _largest(blocks[..., :3, :]), _largest(blocks[..., 3:, :])

@@ -1,4 +1,4 @@
-"""The margins that a tube adds to those of the constraints, compiled; `FilterModel.tube` holds them."""
+"""Margins that a tube adds to those of the constraints, compiled; they are in `FilterModel.tube`."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ def _width(m: FilterModel, part: int, which: int, effort: float, thrust: float) 
 
 @njit(**INLINED)
 def widened(m: FilterModel, margins: Margins, part: int, effort: float, thrust: float) -> Margins:
-    """Return the margins of the model's motion that leave `margins` to the real one.
+    """Return the margins for the motion of the model that leave `margins` for the real motion.
 
     Args:
         m: The task.
         margins: Margins of the constraints.
         part: The part of the motion, such as `HOLD`.
-        effort: Size of the thrust that is held before the plan, or now [N]; negative without one.
+        effort: Size of the thrust that is held before the plan, or now [N]; negative if there is none.
         thrust: Size of the thrust of the plan [N].
     """
     return Margins(
@@ -34,5 +34,5 @@ def widened(m: FilterModel, margins: Margins, part: int, effort: float, thrust: 
 
 @njit(**INLINED)
 def tracking_thrust(m: FilterModel, part: int, effort: float) -> float:
-    """Return the largest thrust of an axis by which the tracking of a plan changes its thrust [N]."""
+    """Return the largest component by which tracking a plan changes its thrust [N]."""
     return _width(m, part, _THRUST, effort, 0.0)

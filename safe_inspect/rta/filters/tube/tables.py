@@ -1,4 +1,4 @@
-"""The margins of a tube for the compiled rows, and whether they leave anything of what the constraints allow."""
+"""Margins of a tube for the compiled rows, and a check that they leave something of what the constraints allow."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _ONE, _EFFORT, _THRUST = range(3)
 
 
 def tube_of(model: FilterModel, tracker: PlanTracker, constraints: Mapping[str, Any]) -> FloatArray:
-    """Return the margins of the parts of a motion; see `FilterModel.tube`.
+    """Compute the margins of the parts of a motion; see `FilterModel.tube`.
 
     Args:
         model: The task without a tube.
-        tracker: What tracks the plans.
+        tracker: Controller that tracks the plans.
         constraints: The constraints, by name.
     """
     after, first = tracker.follow((_EFFORT, _THRUST)), tracker.follow((_THRUST,))
@@ -46,9 +46,9 @@ def tube_of(model: FilterModel, tracker: PlanTracker, constraints: Mapping[str, 
 def _margins(
     model: FilterModel, constraints: Mapping[str, Any], length: FloatArray, speed: FloatArray, thrust: FloatArray
 ) -> FloatArray:  # fmt: skip
-    """Return the margins that a deviation asks for, shape (4, 3)."""
+    """Return the margins that a deviation requires, shape (4, 3)."""
     coasting = model.stretch[0] * length + model.stretch[1] * speed if "PSM" in constraints else length
-    # the speed limit near the chief falls with the range
+    # The speed limit near the chief decreases with the range.
     falls = constraints["rel_vel"].v1 * length if "rel_vel" in constraints else 0.0
     return np.stack((length, speed + falls, coasting, thrust))
 
@@ -56,10 +56,10 @@ def _margins(
 def starting_tube(
     model: FilterModel, tracker: PlanTracker, tube: FloatArray, constraints: Mapping[str, Any]
 ) -> FloatArray:  # fmt: skip
-    """Return the tube with which a real initial state must have a plan, so that every estimate of it has that plan too.
+    """Compute the tube for real initial states: with a plan in it, every estimate of a state has that plan too.
 
-    The plans of one number from two states that differ by the estimation error differ by what is added here: their
-    thrust, their hold, and the closed motion after it.
+    The margins that are added bound the differences between the plans of the same index from two states that differ by
+    the estimation error: in their thrust, their hold, and the closed motion after it.
     """
     phi, gamma, n = model.hold_phi[-1], model.hold_gamma[-1], model.n
     errors = tracker.bounds.position_error, tracker.bounds.velocity_error
@@ -73,7 +73,7 @@ def starting_tube(
     after = size([radial, 2.0 * n * length, cross])
     turns = np.arange(FINE_NODES) * (2.0 * np.pi / (n * FINE_NODES))
     motion = np.stack([transition(n, 1.0, turn)[0] for turn in turns])
-    motion[..., 0] -= 2.0 * n * motion[..., 4]  # without drift
+    motion[..., 0] -= 2.0 * n * motion[..., 4]  # Without drift.
     orbit = [
         1.01
         * (max(size(m[rows, :3], 2) for m in motion) * length + max(size(m[rows, 3::2], 2) for m in motion) * after)
@@ -87,7 +87,7 @@ def starting_tube(
 
 
 def leaves_nothing(tube: FloatArray, p: ConstraintParameters, constraints: Mapping[str, Any]) -> str | None:
-    """Return what a tube leaves nothing of, though no thrust is planned; None where it leaves something."""
+    """Describe what a tube uses up entirely, even if no thrust is planned; None if there is no such quantity."""
     length, speed, coasting, _ = tube[CLOSED, :, _ONE]
     largest = np.sqrt(3.0) * p.u_max
     thrust = max(float(tube[part, 3] @ (1.0, largest, largest)) for part in (PLAN, CLOSED))
@@ -107,5 +107,5 @@ def leaves_nothing(tube: FloatArray, p: ConstraintParameters, constraints: Mappi
             limit = constraints[name].vel_limit
             return f"of the `vel_limit` {limit:g} m/s of {name}, from which {speed:.3g} m/s are taken"
     if thrust >= p.u_max:
-        return f"of the thrust `u_max` {p.u_max:g} N for plans, beside what tracking them takes"
+        return f"of the thrust `u_max` {p.u_max:g} N for plans, because tracking them takes all of it"
     return None
