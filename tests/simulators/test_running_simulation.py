@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.component import RunningComponent
-from safe_inspect.simulators.resets.plan import ResetPlan
+from safe_inspect.simulators.resets.plan import EnvironmentDraw, ResetPlan
 from safe_inspect.simulators.simulation import Simulation
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, View
@@ -222,6 +223,54 @@ def test_another_seed_begins_with_the_first_episodes_again() -> None:
         np.testing.assert_array_equal(simulation.reset(rows).position, other.reset(rows).position)
         np.testing.assert_array_equal(simulation.episodes, other.episodes)
     assert simulation.episodes.tolist() == [2, 2, 2, 1]
+
+
+def test_initial_states_of_another_seed_are_drawn_anew() -> None:
+    simulation, fresh = made(), made(seed=9)
+    simulation.reset(np.arange(ENVS))
+    simulation.reset(np.array([0, 2]))  # the next episodes of seed 5 are drawn now
+    simulation.seed(9)
+    for rows in ([0, 2], [0, 1], [2], [0, 3], [2]):
+        found, expected = (one.reset(np.array(rows)).position for one in (simulation, fresh))
+        np.testing.assert_array_equal(found, expected)
+
+
+class Sun(RunningComponent):
+    """One with an array that a reset draws."""
+
+    arrays = {"sun": ArraySpec(())}  # noqa: RUF012
+
+
+def test_what_is_not_drawn_is_that_of_the_dynamics() -> None:
+    draws: Any = [EnvironmentDraw(name, name, None) for name in ("sun", "unknown")]  # type: ignore[arg-type]
+    component: Any = lambda world, count: Sun()  # noqa: E731
+    component.registered_name = "Sun"
+    simulation = Simulation(
+        ClohessyWiltshireAttitude(mean_motion=0.001), (component,), masses=MASSES, groups=(Group("red", 0, 1, {}),),
+        reset=Plan({}, {}, {"chief": None}, tuple(draws)), step_size=STEP, num_envs=2, seed=0, first_slot=0,  # type: ignore[dict-item]
+    )  # fmt: skip
+    assert simulation.flown.shape == (2, 2, 6)
+    assert simulation.views[0].writable is simulation.state
+    simulation.reset(np.arange(2))
+    np.testing.assert_array_equal(simulation.state["orientation"], np.tile([0.0, 0.0, 0.0, 1.0], (2, 3, 1)))
+    np.testing.assert_array_equal(simulation.state["angular_velocity"], np.tile([0.0, 0.0, 0.001], (2, 3, 1)))
+    assert simulation.attitude == ("orientation", "angular_velocity")
+    assert simulation.turns_thrust
+    assert simulation.drawn == ("position", "velocity", "orientation", "angular_velocity", "sun")
+
+
+def test_what_was_computed_before_a_pause_is_computed_anew_after_it() -> None:
+    simulation = made()
+    simulation.reset(np.arange(ENVS))
+    paused = simulation.pause(np.array([1]))
+    before = simulation.views[0].range_to(None).copy()
+    simulation.step(control())
+    simulation.views[0].range_to(None)
+    simulation.unpause(paused)
+    found = simulation.views[0].range_to(None)
+    np.testing.assert_allclose(found, np.linalg.norm(simulation.state.position[:, :2], axis=-1).ravel(), rtol=1e-14)
+    np.testing.assert_array_equal(found[2:4], before[2:4])
+    assert (found[:2] != before[:2]).all()
 
 
 def test_what_lives_through_resets_is_kept_by_component() -> None:
