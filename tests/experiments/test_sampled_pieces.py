@@ -98,6 +98,8 @@ def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> No
     ]  # fmt: skip
     assert list(first.agent_episodes) == ["red", "blue", "green"]
     assert list(second.agent_episodes) == ["red", "blue"]
+    modules = {"red": "shared", "blue": "shared", "green": "own"}
+    assert (first._spaces, first._modules, first._mapping) == (SPACES, modules, "mapping")
     one, track = first.agent_episodes["blue"], rollout.tracks[0]
     assert (one.id_, one.agent_id, one.module_id, one.multi_agent_episode_id) == ("a-blue", "blue", "shared", "a")
     assert (one.is_terminated, one.is_truncated, one._begun, one._spaces) == (True, False, 5, SPACES["blue"])
