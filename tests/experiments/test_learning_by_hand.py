@@ -357,7 +357,9 @@ def test_the_steps_of_an_update_are_counted() -> None:
     }
 
 
-@pytest.mark.parametrize(("norm", "wanted", "logged"), [(3.0, False, 3.0), (None, False, None), (None, True, 5.0)])
+@pytest.mark.parametrize(
+    ("norm", "wanted", "logged"), [(3.0, False, 3.0), (3.0, True, 3.0), (None, False, None), (None, True, 5.0)]
+)
 def test_the_norm_of_the_gradients_is_logged_where_it_is_known_or_wanted(
     norm: float | None, wanted: bool, logged: float | None
 ) -> None:
