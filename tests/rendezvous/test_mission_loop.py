@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,11 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions import mission as module
 from safe_inspect.rendezvous.missions.log import MissionLog, json_value
 from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.models import RendezvousConfig
+
+from .test_experiment import SHIPPED
 
 
 def made(**attributes: Any) -> Any:
@@ -64,6 +71,25 @@ def test_each_step_is_sensed_flown_and_recorded(watched: bool) -> None:
     assert told == expected
 
 
+def test_a_mission_is_flown_to_its_end_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Any] = []
+
+    @contextmanager
+    def limits(**given: Any) -> Iterator[None]:
+        told.append(given)
+        yield
+        told.append("free")
+
+    monkeypatch.setattr(module, "threadpool_limits", limits)
+    monkeypatch.setattr(module, "summarise_mission", lambda *given: given)
+    pilot = SimpleNamespace(arrived="arrived", context=SimpleNamespace(cause="cause"))
+    mission = made(pilot=pilot, steps=lambda: (told.append(step) for step in range(3)))
+    found = mission.run()
+    assert told == [{"limits": 1, "user_api": "blas"}, 0, 1, 2, "free"]
+    assert found.summary == (mission._config, "target", mission._log, "arrived", "cause")
+    assert found.log is mission._log
+
+
 def body(first: float) -> Any:
     return SimpleNamespace(
         position=first + np.arange(3.0), velocity=first + np.arange(3.0, 6.0), orientation=first + np.arange(4.0),
@@ -93,7 +119,7 @@ def recorded(monkeypatch: pytest.MonkeyPatch, context: Any) -> dict[str, Any]:
     monkeypatch.setattr(module, "normalised_error", lambda *given: given)
     output = SimpleNamespace(nominal="z", nominal_force="v", status=(True, 2.0))
     done = SimpleNamespace(
-        chaser=SimpleNamespace(position="path", wrench=np.arange(12.0).reshape(2, 6)), target="turning",
+        chaser=SimpleNamespace(position="path", wrench=np.arange(18.0).reshape(3, 6)), target="turning",
         chaser_before=body(0.0), target_before=body(30.0), flown="flown",
     )  # fmt: skip
     log = SimpleNamespace(add=lambda **values: rows.append(values))
@@ -116,7 +142,7 @@ def test_a_step_is_recorded_as_it_began_and_as_it_was_flown(monkeypatch: pytest.
         "estimated_q": [10.0, 11.0, 12.0, 13.0], "estimated_target_p": [20.0, 21.0, 22.0],
         "estimated_target_q": [20.0, 21.0, 22.0, 23.0], "estimated_target_w": [26.0, 27.0, 28.0],
         "estimated_ratios": [0.25, 0.75], "nees": [True] * 3, "sigma": [0.1, 0.2], "reference": "reference", "z": "z",
-        "v": "v", "force": "force", "torque": "torque", "flown": "flown", "wrench": [6.0, 7.0, 8.0, 9.0, 10.0, 11.0],
+        "v": "v", "force": "force", "torque": "torque", "flown": "flown", "wrench": [12.0, 13.0, 14.0, 15.0, 16.0, 17.0],
         "status": [1, 2], "clearance": 0.4, "margin": 7.0, "tube": 3.0, "tube_force": 30.0, "pointing_error": 0.3,
     }  # fmt: skip
 
@@ -184,6 +210,24 @@ def test_a_log_is_written_as_it_was_kept(tmp_path: Path) -> None:
             assert {name: float(arrays[name]) for name in arrays.files} == vars(plan)
     assert json.loads((tmp_path / "summary.json").read_text()) == {"clearance": None, "name": "some", "done": True}
     assert json_value((1, [np.int64(2)], {"a": -np.inf})) == [1, [2], {"a": None}]
+
+
+def test_a_mission_begins_where_its_file_says_with_the_camera_on_the_target() -> None:
+    config = load_rendezvous(
+        SHIPPED, ["chaser.position=[0.6 m, -1.6 m, 0.5 m]", "chaser.velocity=[0.01, -0.02, 0.03]"]
+    ).config
+    starts = [next(Mission(config, number).steps()) for number in (np.int64(3), 3, 4)]
+    for step in starts:
+        np.testing.assert_array_equal(step.chaser.position, [0.6, -1.6, 0.5])
+        np.testing.assert_array_equal(step.chaser.velocity, [0.01, -0.02, 0.03])
+        assert not step.chaser.angular_velocity.any()
+        axis = to_matrix(step.chaser.orientation) @ R_BC[:, 2]
+        np.testing.assert_allclose(axis, -step.chaser.position / np.linalg.norm(step.chaser.position), atol=1e-12)
+        assert not step.target.position.any()
+    np.testing.assert_array_equal(starts[0].target.orientation, starts[1].target.orientation)
+    assert np.abs(starts[0].target.orientation - starts[2].target.orientation).max() > 1e-3
+    more = next(Mission(config, 3, reads=("poses",)).steps()).readings
+    assert (starts[0].readings.frame is None, more.frame is None) == (True, False)
 
 
 def test_what_is_no_mission_is_refused() -> None:
