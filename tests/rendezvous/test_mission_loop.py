@@ -143,7 +143,8 @@ def test_a_step_is_recorded_as_it_began_and_as_it_was_flown(monkeypatch: pytest.
         "estimated_target_q": [20.0, 21.0, 22.0, 23.0], "estimated_target_w": [26.0, 27.0, 28.0],
         "estimated_ratios": [0.25, 0.75], "nees": [True] * 3, "sigma": [0.1, 0.2], "reference": "reference", "z": "z",
         "v": "v", "force": "force", "torque": "torque", "flown": "flown",
-        "wrench": [12.0, 13.0, 14.0, 15.0, 16.0, 17.0], "status": [1, 2], "clearance": 0.4, "margin": 7.0, "tube": 3.0, "tube_force": 30.0, "pointing_error": 0.3,
+        "wrench": [12.0, 13.0, 14.0, 15.0, 16.0, 17.0], "status": [1, 2],
+        "clearance": 0.4, "margin": 7.0, "tube": 3.0, "tube_force": 30.0, "pointing_error": 0.3,
     }  # fmt: skip
 
 
