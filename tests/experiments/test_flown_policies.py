@@ -97,6 +97,9 @@ def test_a_recurrent_policy_is_told_where_episodes_begin(continuous: Any) -> Non
     pilot = Pilot(recurrent=True)
     flying, size = loaded(continuous, pilot), observation_layout(continuous.spec.agents[0]).size
     rows = np.zeros((3, size))
+    for first in (rows[:1], rows):
+        with pytest.raises(ArgumentError, match="episode_start"):
+            flying.predict(first, episode_start=False)
     flying.predict(rows, episode_start=np.array([True, True, True]))
     flying.predict(rows, episode_start=np.array([False, True, False]))
     flying.predict(rows, episode_start=False)
@@ -139,6 +142,10 @@ def test_a_policy_is_loaded_for_the_agent_that_it_flies(monkeypatch: pytest.Monk
         load_policy("here", agent=first)
     with pytest.raises(ArgumentError):
         load_policy(3)  # type: ignore[arg-type]
+    asked.clear()
+    with pytest.raises(SafeInspectError, match="RandomThrust"):
+        load_policy("RandomThrust")
+    assert not asked
 
 
 class Cell:
