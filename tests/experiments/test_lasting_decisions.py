@@ -82,20 +82,25 @@ class Net:
     distribution = Hurdle(3, 4)
 
     def __init__(self, rows: int, size: int) -> None:
-        self.rows, self.observations = rows, np.zeros((rows, size), np.float32)
+        self.observations, self.asked = np.zeros((rows, size), np.float32), list[tuple[bool, int]]()
         self._weights = np.random.default_rng(0).normal(size=(size, self.distribution.inputs)).astype(np.float32)
 
     def __call__(self, explore: bool, step: int) -> np.ndarray:
-        return np.sin(self.observations[:, :, None] * self._weights).sum(axis=1)
+        self.asked.append((explore, step))
+        return self.of(self.observations)
+
+    def of(self, observations: np.ndarray) -> np.ndarray:
+        """Return the inputs of the action distribution for observations, shape (R, O)."""
+        return np.asarray(np.sin(observations[:, :, None] * self._weights).sum(axis=1))
 
 
-def sampler_of(team: Any, num_envs: int = ENVS, first_slot: int = FIRST) -> tuple[DecisionSampler, Deciding, list[int]]:
-    environment, made = Deciding(team, num_envs, first_slot), list[int]()
+def sampler_of(team: Any, num_envs: int = ENVS, first_slot: int = FIRST) -> tuple[DecisionSampler, Deciding, list[Net]]:
+    environment, made = Deciding(team, num_envs, first_slot), list[Net]()
     sizes = {policy: entry["size"] for entry in team for policy in entry["policies"]}
 
     def nets(policy: str, rows: int) -> Any:
-        made.append(rows)
-        return Net(rows, sizes[policy])
+        made.append(Net(rows, sizes[policy]))
+        return made[-1]
 
     found = DecisionSampler(
         environment, agent_slots(environment), nets, gamma=GAMMA, seed=SEED, first_slot=first_slot  # type: ignore[arg-type]
@@ -180,7 +185,33 @@ def test_each_decision_is_kept_once_with_its_steps_and_discounted_reward(team: A
     assert len(sampler.reports) == reports > ENVS
     ended = sum(one["decisions"] * len(agents) for one in sampler.reports)
     assert ended == pytest.approx(_of_ended_episodes(environment.log, len(agents)))
-    assert all(rows in (LEAST_ROWS, 2 * LEAST_ROWS, 4 * LEAST_ROWS, ENVS, 2 * ENVS) for rows in made)
+    sizes = {LEAST_ROWS, 2 * LEAST_ROWS, 4 * LEAST_ROWS, ENVS, 2 * ENVS}
+    assert {len(net.observations) for net in made} <= sizes
+
+
+def test_a_policy_is_asked_for_each_decision_with_what_its_agent_sees() -> None:
+    sampler, _, made = sampler_of(TEAM)
+    rollout = sampler.roll(40, lifetime=1000)
+    nets = {slot.policy: Net(1, size) for slot, size in zip(sampler.agent_slots, (11, 11, 7), strict=True)}
+    for piece in rollout.pieces:
+        for slot, span in zip(sampler.agent_slots, piece.spans, strict=True):
+            track, rows = rollout.tracks[slot.group], slice(span.start, span.start + span.length)
+            inputs = nets[slot.policy].of(track.observations[slot.member, piece.env, rows])
+            np.testing.assert_allclose(track.inputs[slot.member, piece.env, rows], inputs, atol=1e-4)
+    asked = [one for net in made for one in net.asked]
+    assert {explore for explore, _ in asked} == {True}
+    assert {step for _, step in asked} == {1000 + ENVS * time for time in range(40)}
+    assert len(asked) <= 2 * 40  # once a step for each policy
+    for net in made:
+        net.asked.clear()
+    rollout = sampler.roll_episodes(3, lifetime=70)
+    longest = max(piece.stop for piece in rollout.pieces)
+    asked = [one for net in made for one in net.asked]
+    assert {step for _, step in asked} <= {70 + ENVS * time for time in range(longest)}
+    assert {explore for explore, _ in asked} == {True}
+    assert max(piece.stop - piece.start for piece in rollout.pieces) <= 60
+    sampler.roll_episodes(2, explore=False)
+    assert {explore for net in made for explore, _ in net.asked[-1:]} == {False}
 
 
 def _of_ended_episodes(log: list[dict[str, Any]], agents: int) -> int:
