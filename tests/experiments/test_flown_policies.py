@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from random_checkpoint import SHIPPED, TEAM, discrete, experiment_of, make_module, single_run
+from random_checkpoint import SHIPPED, TEAM, discrete, experiment_of, make_module, scaled, single_run
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.environments import TeamEnvironment
@@ -26,7 +26,7 @@ from safe_inspect.experiments.modules.policy import TrainedPolicy
 from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
 from safe_inspect.experiments.settings.policies import PolicySettings
 from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 
 pytestmark = pytest.mark.ray
 
@@ -224,6 +224,9 @@ def test_a_rollout_draws_what_the_policy_says(monkeypatch: pytest.MonkeyPatch, d
         for step in range(2):
             expected = draw_in_rollout(distribution, quiet, drawn, 8, slots, deputies, step)
             np.testing.assert_array_equal(flying(seen), expected)
+    chosen = flying.draw(seen, 12)
+    np.testing.assert_array_equal(chosen, draw_choices(distribution, inputs, 12))
+    assert (chosen != flying.draw(seen, 13)).any() == choosing
     flying.begin(flight)
     one = flying(seen)
     flying.begin(SimpleNamespace(slots=flight.slots[7:8], deputies=flight.deputies[7:8]))  # type: ignore[arg-type]
@@ -281,6 +284,9 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     check_frozen({"new": PolicySettings("new", (agent,))}, others)
     with pytest.raises(CheckpointError, match="action"):
         check_frozen({"old": frozen_of(checkpoint, agent)}, others)
+    units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
+    with pytest.raises(CheckpointError):
+        check_frozen({"old": frozen_of(checkpoint, agent)}, units)
     read = frozen.read_weights
     for name in ("choices", "twin_q"):
 
