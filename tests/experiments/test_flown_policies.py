@@ -299,6 +299,57 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
             check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
 
 
+def test_a_checkpoint_gives_its_policy_or_a_fresh_one_of_its_make(checkpoint: Path, continuous: Any) -> None:
+    saved = make_module(continuous.spec.agents[0], seed=4)
+    found = policy.trained_policy(checkpoint, "default_policy", sampled=True, seed=7)
+    assert (found.sampled, found.seed, found.recurrent) == (True, 7, False)
+    assert found.info is not None
+    seen = np.random.default_rng(3).normal(size=(5, observation_layout(continuous.spec.agents[0]).size))
+    seen = seen.astype(np.float32)
+    with torch.no_grad():
+        wanted = saved.forward_inference({Columns.OBS: torch.from_numpy(seen)})[Columns.ACTION_DIST_INPUTS]
+    np.testing.assert_allclose(found.inputs(seen), wanted, atol=1e-6)
+    one, same, other = (policy.untrained_policy(checkpoint, seed, "default_policy").inputs(seen) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert (one != other).any()
+    assert np.abs(one - found.inputs(seen)).max() > 1e-3
+    with pytest.raises(CheckpointError, match="another"):
+        policy.trained_policy(checkpoint, "another")
+
+
+def test_a_policy_computes_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    flying, threads, before = trained(monkeypatch, Categorical((3, 2))), list[int](), torch.get_num_threads()
+    forward = flying.module.forward_inference
+    flying.module.forward_inference = lambda batch: threads.append(torch.get_num_threads()) or forward(batch)
+    torch.set_num_threads(2)
+    try:
+        flying.inputs(np.zeros((1, 6), dtype=np.float32))
+        assert (threads, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "numbers", "choices"),
+    [({}, Gaussian, 0, 0), ({"hurdle": True}, Hurdle, 3, 0), ({"hurdle": True, "coasts": 4}, Hurdle, 2, 4)],
+)
+def test_a_module_has_the_distribution_of_its_settings(
+    continuous: Any, model: dict[str, Any], kind: Any, numbers: int, choices: int
+) -> None:
+    agent = continuous.spec.agents[0]
+    plain = make_module(agent)
+    module = type(plain)(
+        observation_space=plain.observation_space, action_space=plain.action_space,
+        model_config={**plain.model_config, **model},
+    )  # fmt: skip
+    found = distribution_of_module(module)
+    assert type(found) is kind
+    if kind is Hurdle:
+        assert (found.numbers, found.choices) == (numbers, choices)  # type: ignore[union-attr]
+        outputs = module.forward_inference({Columns.OBS: torch.zeros(2, observation_layout(agent).size)})
+        assert outputs[Columns.ACTION_DIST_INPUTS].shape == (2, 1 + 2 * numbers + choices)
+
+
 @pytest.mark.parametrize("choices", [(4,), (3, 2), (2, 3, 4)])
 def test_the_best_choice_of_each_element_is_that_of_the_best_combination(choices: tuple[int, ...]) -> None:
     values = torch.randn(6, int(np.prod(choices)))
