@@ -400,6 +400,14 @@ def test_a_hurdle_distribution_has_the_density_that_its_draws_have() -> None:
     assert float(alone.entropy() + (-shares * np.log(shares)).sum()) == pytest.approx(float(kind.entropy()))
     assert float(alone.logp(torch.tensor([[0.0, 0.0]], dtype=torch.float64))) == pytest.approx(np.log(1.0 - p))
     assert float(kind.kl(kind)) == pytest.approx(0.0)
+    q, mean, log_other, others = 0.6, np.array([0.5, 0.0]), np.log([0.8, 1.5]), np.array([0.6, 0.3, 0.1])
+    other = TwoNumbers(torch.tensor(np.concatenate([[np.log(q / (1.0 - q))], mean, log_other, np.log(others)]))[None])
+    shift = np.exp(2.0 * log_std) + (np.array([1.0, -2.0]) - mean) ** 2
+    numbers = (log_other - log_std + 0.5 * shift / np.exp(2.0 * log_other) - 0.5).sum()
+    burning = p * np.log(p / q) + (1.0 - p) * np.log((1.0 - p) / (1.0 - q))
+    assert float(kind.kl(other)) == pytest.approx(burning + p * numbers + (shares * np.log(shares / others)).sum())
+    alike = Numbers(torch.tensor(np.concatenate([[np.log(q / (1.0 - q))], mean, log_other]))[None])
+    assert float(alone.kl(alike)) == pytest.approx(burning + p * numbers)
     for call in (kind.rsample, kind.to_deterministic):
         with pytest.raises(NotImplementedError):
             call()
