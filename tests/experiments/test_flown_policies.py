@@ -426,12 +426,18 @@ def test_each_action_has_its_distribution() -> None:
     assert (lasting.numbers, lasting.choices) == (2, 4)
 
 
-@pytest.mark.parametrize("change", [None, discrete], ids=["numbers", "levels"])
 @pytest.mark.parametrize("rows", [3, LEAST_ROWS + 5])
-@pytest.mark.parametrize("width", [32, 20])
-def test_the_sampler_has_the_outputs_of_the_module(change: Any, rows: int, width: int) -> None:
+@pytest.mark.parametrize(
+    ("change", "model"),
+    [
+        (None, {}), (discrete, {}), (None, {"fcnet_hiddens": [20, 32]}), (discrete, {"fcnet_activation": "relu"}),
+        (None, {"log_std_clip_param": 0.05}), (None, {"free_log_std": True}),
+    ],
+    ids=["numbers", "levels", "narrow", "relu", "clipped", "free"],
+)  # fmt: skip
+def test_the_sampler_has_the_outputs_of_the_module(change: Any, rows: int, model: dict[str, Any]) -> None:
     agent = experiment_of(change, SHIPPED).spec.agents[0]
-    module = make_module(agent, fcnet_hiddens=[width, width])
+    module = make_module(agent, **model)
     net = PolicyNet(module, rows)
     assert net.observations.shape == (rows, observation_layout(agent).size)
     assert type(net.distribution) is type(distribution_of_module(module))
@@ -440,9 +446,11 @@ def test_the_sampler_has_the_outputs_of_the_module(change: Any, rows: int, width
         seen = torch.from_numpy(net.observations.copy())
         with torch.no_grad():
             expected = module.forward_exploration({Columns.OBS: seen})[Columns.ACTION_DIST_INPUTS]
-        np.testing.assert_allclose(net(True, 0), expected, atol=2e-6)
+        np.testing.assert_allclose(net(True, 0), expected, atol=5e-6)
         with torch.no_grad():
             module.pi.net.mlp[-1].bias += 0.5  # the net is the module's
+    if "log_std_clip_param" in model:
+        assert float(expected[:, 3:].abs().max()) == pytest.approx(0.05)
 
 
 def test_a_module_that_says_more_is_asked_with_the_steps_of_the_training() -> None:

@@ -158,6 +158,32 @@ def test_only_one_plain_adam_for_a_policy_is_served(monkeypatch: pytest.MonkeyPa
     assert learner._stock == "as 1"
 
 
+def test_without_more_a_batch_is_learned_once_and_whole() -> None:
+    learner, runner = learner_of(ONE)
+    episodes = runner.sample(num_timesteps=160)
+    told: list[Any] = []
+    learner.before_gradient_based_update = lambda **given: told.append(("before", given))
+    learner.after_gradient_based_update = lambda **given: told.append(("after", given))
+    found = learner.update(episodes=episodes)["default_policy"]
+    learner.update(episodes=episodes, timesteps={"steps": 9})
+    assert told == [(when, {"timesteps": given}) for given in ({}, {"steps": 9}) for when in ("before", "after")]
+    assert (found["num_module_steps_trained"].peek(), found["module_train_batch_size_mean"].peek()) == (160, 160)
+    assert learner.update(episodes=episodes, _no_metrics_reduce=True) is None
+    assert learner.update(episodes=episodes, minibatch_size=40)["default_policy"]["weights_seq_no"].peek() == 4
+
+
+def test_a_learner_in_a_process_of_its_own_sets_its_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    learner, _ = learner_of(ONE)
+    threads: list[Any] = []
+    monkeypatch.setattr(ppo_learner, "set_threads", threads.append)
+    learner.build()
+    assert not threads
+    learner.config = learner.config.copy(copy_frozen=False)
+    learner.config.num_learners = 1
+    learner.build()
+    assert threads == [learner.config.env_config]
+
+
 def test_the_path_of_each_policy_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
     learner = SimpleNamespace(why_autograd={})
     with caplog.at_level(logging.INFO, logger=ppo_learner.__name__):
