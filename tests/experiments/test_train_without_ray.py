@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -81,7 +82,7 @@ def test_a_new_training_has_a_folder_and_a_result(tune: Tune, tmp_path: Path) ->
     assert folder.name.startswith("some_")
     assert tune.given == [(folder, None)]
     assert (folder / "experiment.resolved.yml").read_text() == "x: 1\n"
-    assert '"seed": 4' in (folder / "run.json").read_text()
+    assert json.loads((folder / "run.json").read_text())["seed"] == 4
     assert (found.folder, found.iteration, found.steps, found.interrupted, found.best) == (
         folder,
         3,
@@ -199,7 +200,9 @@ def test_an_error_of_ray_says_how_to_go_on(
         flown(run_of(tmp_path))
     (folder,) = runs_in(tmp_path)
     assert type(caught.value) is kind
-    told = "\n".join([str(caught.value), *getattr(caught.value, "__notes__", [])])
+    notes = getattr(caught.value, "__notes__", [])
+    assert len(notes) == (why == "other" and bool(saves))
+    told = "\n".join([str(caught.value), *notes])
     assert (f"--resume {folder}" in told) == bool(saves)
     if why != "other":
         assert told.startswith(f"{folder}: ")
@@ -228,6 +231,33 @@ def test_a_search_is_as_long_as_its_longest_trial(tune: Tune, tmp_path: Path, mo
     with pytest.raises(OutputError, match=r"^full$"):
         flown(run_of(tmp_path / "full", lr={"grid_search": [0.1, 0.2]}))
     assert not runs_in(tmp_path / "full")
+
+
+def test_without_a_stream_it_is_told_on_standard_error(
+    tune: Tune, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tune.saves = ()
+    folder = train(run_of(tmp_path)).folder
+    assert capsys.readouterr().err == ""
+    train(run_of(tmp_path, resume=folder))
+    assert capsys.readouterr().err.startswith(f"{folder}: ")
+
+
+def test_what_the_loaded_rllib_refuses_leaves_nothing(
+    tune: Tune, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[Any] = []
+
+    def check(run: Any, settings: Any) -> None:
+        checked.append((run, settings.single))
+        raise ConfigError([])
+
+    monkeypatch.setattr(tune_run, "check", check)
+    run = run_of(tmp_path)
+    with pytest.raises(ConfigError):
+        flown(run)
+    assert checked == [(run, True)]
+    assert not (tmp_path / "out").exists()
 
 
 def test_mistakes_are_told_before_anything_is_written(tune: Tune, tmp_path: Path) -> None:
