@@ -180,9 +180,9 @@ class Choices:
 
 
 class Burns(TorchHurdle):
-    """A hurdle distribution over 2 numbers, with one of 3 choices beside them."""
+    """A hurdle distribution over 2 numbers, with one of 4 choices beside them."""
 
-    numbers, choices = 2, 3
+    numbers, choices = 2, 4
 
 
 def actions_of(kind: Any, rows: int, generator: np.random.Generator) -> np.ndarray:
@@ -191,12 +191,12 @@ def actions_of(kind: Any, rows: int, generator: np.random.Generator) -> np.ndarr
     if kind is Choices:
         return generator.integers(0, (3, 2), (rows, 2)).astype(np.float64)
     burns = generator.random((rows, 1)) < 0.5
-    return np.column_stack((burns * generator.normal(size=(rows, 2)), generator.integers(0, 3, rows)))
+    return np.column_stack((burns * generator.normal(size=(rows, 2)), generator.integers(0, 4, rows)))
 
 
 @pytest.mark.parametrize(
     ("kind", "inputs", "distribution"),
-    [(Gaussian, 4, None), (Choices, 5, Categorical((3, 2))), (Burns, 8, Hurdle(2, 3))],
+    [(Gaussian, 4, None), (Choices, 5, Categorical((3, 2))), (Burns, 9, Hurdle(2, 4))],
     ids=["gaussian", "choices", "hurdle"],
 )
 @pytest.mark.parametrize("clipped", [True, False])
