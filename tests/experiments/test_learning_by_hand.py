@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Sequence
 from types import SimpleNamespace
@@ -17,7 +18,7 @@ from safe_inspect.experiments.learning import ppo_learner
 from safe_inspect.experiments.learning.net_passes import AutogradPass
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_nets import Net, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
+from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, _explained, joined
 from safe_inspect.experiments.modules.hurdle import TorchHurdle
 from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, RolloutEpisode
 from safe_inspect.random.action_draws import Categorical
@@ -179,9 +180,9 @@ class Choices:
 
 
 class Burns(TorchHurdle):
-    """A hurdle distribution over 2 numbers, with one of 3 choices beside them."""
+    """A hurdle distribution over 2 numbers, with one of 4 choices beside them."""
 
-    numbers, choices = 2, 3
+    numbers, choices = 2, 4
 
 
 def actions_of(kind: Any, rows: int, generator: np.random.Generator) -> np.ndarray:
@@ -190,12 +191,12 @@ def actions_of(kind: Any, rows: int, generator: np.random.Generator) -> np.ndarr
     if kind is Choices:
         return generator.integers(0, (3, 2), (rows, 2)).astype(np.float64)
     burns = generator.random((rows, 1)) < 0.5
-    return np.column_stack((burns * generator.normal(size=(rows, 2)), generator.integers(0, 3, rows)))
+    return np.column_stack((burns * generator.normal(size=(rows, 2)), generator.integers(0, 4, rows)))
 
 
 @pytest.mark.parametrize(
     ("kind", "inputs", "distribution"),
-    [(Gaussian, 4, None), (Choices, 5, Categorical((3, 2))), (Burns, 8, Hurdle(2, 3))],
+    [(Gaussian, 4, None), (Choices, 5, Categorical((3, 2))), (Burns, 9, Hurdle(2, 4))],
     ids=["gaussian", "choices", "hurdle"],
 )
 @pytest.mark.parametrize("clipped", [True, False])
@@ -256,11 +257,55 @@ def test_minibatches_teach_what_plain_torch_learns(kind: Any, inputs: int, distr
     assert training.losses == pytest.approx(
         {name: float(torch.as_tensor(one).detach()) for name, one in expected.items()}, abs=2e-3
     )
-    assert float(errors.mean()) > float(value) + 1e-2  # some of them are clipped
+    assert float(errors.detach().mean()) > float(value.detach()) + 1e-2  # some of them are clipped
     assert (training.norm is not None) == clipped
     if clipped:
         assert float(training.norm) == pytest.approx(float(norm), rel=2e-3)
         assert float(norm) > 0.2
+
+
+def test_nets_that_share_nothing_learn_apart_what_they_learn_together() -> None:
+    generator, rows = np.random.default_rng(1), 12
+    terms = Terms(clip=0.2, value_clip=2.0, value=0.5, entropy=0.01, divergence=0.2, measured=True)
+    old, actions = 0.3 * generator.normal(size=(rows, 4)), generator.normal(size=(rows, 2))
+    log = Gaussian(torch.from_numpy(old)).logp(torch.from_numpy(actions)).numpy()
+    batch = Batch(
+        generator.normal(size=(rows + 1, 4)).astype(np.float32), np.array([rows]), np.array([True]),
+        *(array.astype(np.float32) for array in (actions, old, log, generator.normal(size=rows))),
+    )  # fmt: skip
+    batch.advise(generator.normal(size=rows + 1), 0.9, 0.8)
+    order = minibatches(rows, 6, 2, True, SEED)
+
+    def trained(policy: Any, value: Any, ways: Any) -> dict[str, float]:
+        optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], lr=0.02)
+        trainings = []
+        for way, parameters in ways:
+            net = Net(lambda count, way=way, parameters=parameters: AutogradPass(way, parameters), parameters)
+            trainings.append(NetTraining(net, part_of(optimiser, parameters), batch, order, terms))
+        for training in trainings:
+            training.run()
+        return dict(joined(trainings))
+
+    torch.manual_seed(5)
+    first = [torch.nn.Linear(4, 4), torch.nn.Linear(4, 1)]
+    second = copy.deepcopy(first)
+    together = trained(*first, [(
+        lambda seen: (first[0](seen), first[1](seen).squeeze(-1)), [*first[0].parameters(), *first[1].parameters()]
+    )])  # fmt: skip
+    apart = trained(*second, [
+        (lambda seen: (second[0](seen), None), list(second[0].parameters())),
+        (lambda seen: (None, second[1](seen).squeeze(-1)), list(second[1].parameters())),
+    ])  # fmt: skip
+    assert apart == pytest.approx(together, abs=1e-6)
+    for one, other in zip(first, second, strict=True):
+        for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
+            torch.testing.assert_close(mine, theirs)
+
+
+def test_of_targets_that_do_not_vary_nothing_is_explained() -> None:
+    assert _explained(np.full(4, 2.0), np.full(4, 2.0)) == -1.0
+    assert _explained(np.array([0.0, 2.0]), np.array([0.5, 1.5])) == 0.75
+    assert _explained(np.array([0.0, 2.0]), np.array([3.0, 1.5])) == -1.0
 
 
 def test_the_losses_of_the_nets_of_a_policy_are_added() -> None:
@@ -312,7 +357,9 @@ def test_the_steps_of_an_update_are_counted() -> None:
     }
 
 
-@pytest.mark.parametrize(("norm", "wanted", "logged"), [(3.0, False, 3.0), (None, False, None), (None, True, 5.0)])
+@pytest.mark.parametrize(
+    ("norm", "wanted", "logged"), [(3.0, False, 3.0), (3.0, True, 3.0), (None, False, None), (None, True, 5.0)]
+)
 def test_the_norm_of_the_gradients_is_logged_where_it_is_known_or_wanted(
     norm: float | None, wanted: bool, logged: float | None
 ) -> None:

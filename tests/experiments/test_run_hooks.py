@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.errors import CheckpointError, ConfigError, PluginValueError, SafeInspectError
+from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
 from safe_inspect.experiments.files.checkpoints import Checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.files.trial_parameters import write_parameters
@@ -20,6 +20,7 @@ from safe_inspect.experiments.runs import training_log, trials, tune_hooks, tune
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, trial_table
 from safe_inspect.experiments.runs.tune_hooks import Monitor, RunCallback, RunStopper, monitored
+from safe_inspect.experiments.settings.search import Trial
 
 pytestmark = pytest.mark.ray
 
@@ -332,6 +333,37 @@ def test_what_came_of_each_trial_is_in_its_folder(tmp_path: Path, monkeypatch: p
     assert math.isnan(first.success_rate)
     assert (second.iteration, second.steps, second.checkpoint) == (0, 0, None)
     assert math.isnan(second.return_mean)
+
+
+@pytest.mark.parametrize(
+    ("text", "first"), [("# From here\nx: 1", ["# From here"]), ("x: 1\n# not the first", [])], ids=["told", "untold"]
+)
+def test_a_trial_is_written_before_it_trains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, first: list[str]
+) -> None:
+    written: list[Any] = []
+    monkeypatch.setattr(trials, "experiment_of", lambda *given: {"z": 1, "a": list(given[0])})
+    monkeypatch.setattr(trials, "learning_configuration", lambda *given: given)
+    monkeypatch.setattr(trials.run_folder, "write_run_record", lambda own, **given: written.append((own.path, given)))
+    run: Any = SimpleNamespace(text=text, experiment=("whole",))
+    settings: Any = SimpleNamespace(policies="policies")
+    rllib: Any = SimpleNamespace(settings={"lr": 0.5})
+    folder = RunFolder(tmp_path / "run")
+    for seed, recorded in ((4, 4), (None, 0)):
+        trials.write_trial(folder, run, settings, Trial("trial_00002", rllib, seed, {"lr": 0.5}))
+        path, given = written.pop()
+        assert path == tmp_path / "run" / "trials" / "trial_00002"
+        assert (given["seed"], given["configuration"][1:]) == (recorded, ({"lr": 0.5}, "policies"))
+        assert given["configuration"][0] == {"z": 1, "a": ["whole"]}
+        shown = "null" if seed is None else seed
+        assert given["text"].splitlines() == [
+            *first, f"# trial_00002 of a search: lr 0.5, seed {shown}", "z: 1", "a:", "- whole",
+        ]  # fmt: skip
+        assert json.loads((path / "params.json").read_text()) == {"lr": 0.5, "seed": seed}
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError):
+        trials.write_trial(RunFolder(tmp_path / "file"), run, settings, Trial("trial_00002", rllib))
+    assert not written
 
 
 @pytest.mark.parametrize(

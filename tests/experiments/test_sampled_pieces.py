@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dummy_environment import TEAM
+from dummy_environment import TEAM, DummyTeam
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 from training_values import MAKER
 
 from safe_inspect.dones.base import DoneStatus
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.sampling import env_runners
 from safe_inspect.experiments.sampling.decision_rollout import DecisionRollout, DecisionTrack
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
@@ -74,6 +75,7 @@ def test_agents_end_at_times_of_their_own() -> None:
     rollout = seven_steps()
     pieces = rollout.pieces
     assert not rollout.random
+    assert not rollout.missing
     assert [(piece.env, piece.start, piece.stop, piece.begun, piece.episode, piece.over) for piece in pieces] == [
         (0, 0, 4, 5, 8, True), (1, 0, 7, 11, 0, True), (0, 4, 7, 0, -1, False),
     ]  # fmt: skip
@@ -96,6 +98,8 @@ def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> No
     ]  # fmt: skip
     assert list(first.agent_episodes) == ["red", "blue", "green"]
     assert list(second.agent_episodes) == ["red", "blue"]
+    modules = {"red": "shared", "blue": "shared", "green": "own"}
+    assert (first._spaces, first._modules, first._mapping) == (SPACES, modules, "mapping")
     one, track = first.agent_episodes["blue"], rollout.tracks[0]
     assert (one.id_, one.agent_id, one.module_id, one.multi_agent_episode_id) == ("a-blue", "blue", "shared", "a")
     assert (one.is_terminated, one.is_truncated, one._begun, one._spaces) == (True, False, 5, SPACES["blue"])
@@ -152,6 +156,7 @@ def test_episodes_beyond_those_that_are_wanted_are_left_out() -> None:
 def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
     """The first environment ends after step 4, with 2, 1 and 3 decisions; the second goes on with 1, 0 and 2."""
     rollout = DecisionRollout(SIZES, np.array([6, 0]))
+    assert (rollout.random, rollout.missing) == (False, False)
     group, alone = rollout.tracks
     group.counts[:, 0], alone.counts[:, 0] = [2, 1], [3]
     rollout.end(0, masks(2, (1, 0)), masks(2))
@@ -321,6 +326,11 @@ def test_a_flat_action_is_a_combination_of_levels(flat: bool) -> None:
 
 def test_the_place_and_the_seeds_of_one_environment() -> None:
     env = team_env(seeded_by_reset=True)
+    assert env.agents == env.possible_agents == ["red", "blue", "green"]
+    assert {agent: space.shape for agent, space in env.observation_spaces.items()} == {
+        "red": (11,), "blue": (11,), "green": (7,),
+    }  # fmt: skip
+    assert env.report() is None
     team, seeds = env.team, list[Any]()
     env.place(0, 4, 0, False)
     assert env.team is team
@@ -333,6 +343,13 @@ def test_the_place_and_the_seeds_of_one_environment() -> None:
     env._config["seeded_by_reset"] = False
     env.reset(seed=5)
     assert seeds == [5, None]
+
+
+@pytest.mark.parametrize("kind", [TeamMultiAgentEnv, lambda config: TrainingEnv(config, 2)], ids=["team", "one"])
+def test_decisions_that_last_are_not_for_rllibs_own_runner(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DummyTeam, "decides", True)
+    with pytest.raises(SafeInspectError, match="CoastGlue"):
+        kind({"experiment": {}, "seed": 3, "maker": MAKER})
 
 
 def test_an_environment_that_has_ended_takes_no_action_and_begins_again() -> None:

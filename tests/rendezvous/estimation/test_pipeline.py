@@ -157,6 +157,8 @@ def test_before_the_first_frame_the_chaser_is_at_its_start() -> None:
 def test_after_it_samples_and_commands_go_to_the_back_end() -> None:
     flight = Flight()
     flight.see(0.0)
+    np.testing.assert_array_equal(flight.pipeline.now()[0], chaser(0.0))
+    assert flight.pipeline.now()[1:] == ("velocity", "rate")
     ((start, _),) = flight.priors
     assert start is START
     assert flight.predicted[0][0] is None
@@ -259,8 +261,8 @@ def trusted(monkeypatch: pytest.MonkeyPatch, innovations: list[list[float]], coa
 
 
 def test_a_frame_that_is_off_is_refused_and_two_in_a_row_are_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, pipeline = trusted(monkeypatch, [[1.0, 9.0], [4.9], [9.0], [5.0]])
-    assert found == [([1.0], False), ([4.9], False), ([], False), ([5.0], False)]
+    found, pipeline = trusted(monkeypatch, [[5.0, 9.0], [4.9], [9.0], [5.0]])
+    assert found == [([5.0], False), ([4.9], False), ([], False), ([5.0], False)]
     assert pipeline._bias_jumps is not None
     found, pipeline = trusted(monkeypatch, [[9.0], [1.0, 9.0], [8.0], [7.0], [6.0], [6.0], [1.0]])
     assert found == [
@@ -342,7 +344,7 @@ def fitted(
     known: TargetEstimate | None, changed: bool, found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
     """Return a pipeline after a fit at 40 s, and what it was told to forget."""
-    flight, forgotten = Flight(), list[Any]()
+    flight, forgotten = Flight(target=SimpleNamespace(swept_radius=1.0)), list[Any]()
     flight.see(*np.arange(0.0, 5.0), 25.0, 39.0)
     pipeline = flight.pipeline
     monkeypatch.setattr(pipeline, "_forget_before", lambda *given: forgotten.append(given))
@@ -364,6 +366,9 @@ def test_what_a_fit_finds_is_believed_as_far_as_it_agrees(monkeypatch: pytest.Mo
     assert (pipeline.target, pipeline.changed, [given[2] is None for given in fits]) == (known, True, [False, True])
     pipeline, fits, _ = fitted(known, True, lambda *given: good if given[2] is None else bad, monkeypatch)
     assert (pipeline.target, pipeline.changed, len(fits)) == (good, False, 2)
+    first, second = fits
+    assert first[2].time == known.time
+    assert second == (first[0], pipeline._parts.target, None, first[3])
     pipeline, _, forgotten = fitted(known, True, lambda *given: bad, monkeypatch)
     assert (pipeline.target, pipeline.changed, pipeline._since, forgotten) == (known, True, 35.0, [])
     pipeline, _, forgotten = fitted(known, False, lambda *given: bad, monkeypatch)
@@ -372,6 +377,30 @@ def test_what_a_fit_finds_is_believed_as_far_as_it_agrees(monkeypatch: pytest.Mo
     assert (pipeline.target, forgotten) == (known, [(37.0, 40.0)])
     pipeline, _, forgotten = fitted(None, False, lambda *given: worse, monkeypatch)
     assert (pipeline.target, forgotten) == (worse, [])
+
+
+def test_a_motion_is_found_from_two_frames_and_some_time_at_least() -> None:
+    flight = Flight()
+    pipeline = flight.see(*np.arange(0.0, 5.0), 25.0, 39.0)
+    flight.fits.clear()
+    for since in (25.1, 30.0):  # too short ago, and with a single frame since then
+        pipeline._since = since
+        pipeline._fit(40.0)
+        pipeline._fit(60.0)
+    assert not flight.fits
+    pipeline._since = 25.0
+    pipeline._fit(39.9)
+    assert not flight.fits
+    pipeline._fit(40.0)
+    assert len(flight.fits) == 1
+    pipeline._fit(40.0)
+    assert len(flight.fits) == 2
+    known = pipeline.target = motion()
+    pipeline._forget_before(30.0, 39.0)
+    assert (pipeline.target, pipeline.changed, pipeline._since) == (known, True, 30.0)
+    pipeline._forget_before(25.0, 39.0)
+    assert pipeline.target is not known
+    assert pipeline.target.time == 39.0
 
 
 @pytest.mark.parametrize(("aligned", "model", "seen"), [(True, True, True), (False, True, False), (False, False, True)])
