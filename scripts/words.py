@@ -1,7 +1,7 @@
 """List the words and phrases that texts of the project do not use, with their places.
 
-python scripts/words.py            # the files of CLEAN
-python scripts/words.py FILE ...   # other files
+python scripts/words.py            # all files of the repository
+python scripts/words.py FILE ...   # these files
 
 Exits with 1 when there are any. Code, in backticks or fenced blocks of Markdown, is not text. In Python files the
 docstrings, comments and strings are text.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import re
+import subprocess
 import sys
 import tokenize
 from collections.abc import Iterator
@@ -39,15 +40,10 @@ WORDS = {
     r"\bwhat is drawn\b|\bdrawn anew\b": "sampled",
     r"\b(is|are) no plugins?\b": "is not a plugin",
 }
-#: Files and folders without any; the list may only grow.
-CLEAN = (
-    "README.md",
-    "CHANGELOG.md",
-    "CONTRIBUTING.md",
-    "docs",
-    "examples",
-    "benchmarks",
-)
+#: Files that list the words themselves.
+LISTS = ("scripts/words.py", "tests/documentation/test_words.py")
+#: Names of files that are text throughout, besides Python, whose strings and comments are.
+TEXTS = (".md", ".yml", ".yaml", ".sh", ".cfg", ".toml", ".html", ".js", ".css", ".txt")
 _MARKDOWN_CODE = re.compile(r"^```.*?^```|`[^`\n]+`|\]\([^)]*\)|^ {4}[^\n]*$", re.MULTILINE | re.DOTALL)
 
 
@@ -56,7 +52,9 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
     source = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         yield 1, _MARKDOWN_CODE.sub(lambda code: "\n" * code[0].count("\n"), source)
-    elif path.suffix == ".py":
+    elif path.suffix != ".py":
+        yield 1, source
+    else:
         for token in tokenize.generate_tokens(io.StringIO(source).readline):
             if token.type in (tokenize.STRING, tokenize.COMMENT):
                 yield token.start[0], token.string
@@ -71,15 +69,16 @@ def found(path: Path) -> Iterator[str]:
                 yield f"{path}:{place}: {' '.join(match[0].split())!r}; write: {instead}"
 
 
-def clean_files() -> list[Path]:
-    """Return the files of `CLEAN`."""
-    files = [path for name in CLEAN for path in ([ROOT / name] if "." in name else sorted((ROOT / name).rglob("*.*")))]
-    return [path for path in files if path.suffix in (".md", ".py")]
+def project_files() -> list[Path]:
+    """Return the files of the repository that contain text, without those of `LISTS`."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True)
+    names = [name for name in listed.stdout.split("\0") if name and name not in LISTS]
+    return [ROOT / name for name in names if name.endswith((*TEXTS, ".py")) or name.startswith(".ci/")]
 
 
 if __name__ == "__main__":
     places = [place for path in map(Path, sys.argv[1:]) for place in found(path)]
     if not sys.argv[1:]:
-        places = [place for path in clean_files() for place in found(path)]
+        places = [place for path in project_files() for place in found(path)]
     print("\n".join(places))
     sys.exit(bool(places))

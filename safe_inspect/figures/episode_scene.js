@@ -199,9 +199,9 @@ function countersAt(t) {
   const spent = episode.delta_v.reduce((sum, values) => sum + values[state.row], 0);
   const nearest = Math.min(...state.places.map((p) => Math.sqrt(dot3(p, p))));
   const what = points.length ? `${state.count} of ${points.length} points inspected` : `range ${nearest.toFixed(1)} m`;
-  const told = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`, what, `delta-v ${spent.toFixed(3)} m/s${deputies.length > 1 ? " in all" : ""}`];
-  if (t >= END && episode.ending) told.push(episode.ending);
-  return told;
+  const lines = [`${(t / episode.unit_seconds).toFixed(1)} ${episode.unit}`, what, `delta-v ${spent.toFixed(3)} m/s${deputies.length > 1 ? " in all" : ""}`];
+  if (t >= END && episode.ending) lines.push(episode.ending);
+  return lines;
 }
 
 deputies.forEach(({ name, colour, dashes }) => keyEntry(name, colour, null, dashes));

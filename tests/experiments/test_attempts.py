@@ -1,4 +1,4 @@
-"""What an attempt of a training hands to RLlib and to Tune: seeds, the checkpoint to go on from, names and folders."""
+"""What an attempt of a training hands to RLlib and to Tune: seeds, checkpoint, names and folders."""
 
 from __future__ import annotations
 

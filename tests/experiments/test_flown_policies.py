@@ -42,7 +42,7 @@ def levels() -> Any:
 
 
 class Pilot:
-    """A policy that says the first elements of what it sees, and notes what it is told."""
+    """A policy that returns the first elements of its observation and records its arguments."""
 
     def __init__(self, recurrent: bool = False) -> None:
         self.recurrent, self.told = recurrent, list[Any]()
@@ -149,7 +149,7 @@ def test_a_policy_is_loaded_for_the_agent_that_it_flies(monkeypatch: pytest.Monk
 
 
 class Cell:
-    """Stands for a recurrent module: it gives the sum of what it has seen, scaled, and counts its steps."""
+    """A stand-in for a recurrent module: returns the scaled sum of its observations and counts its steps."""
 
     def __init__(self, recurrent: bool) -> None:
         self.recurrent, self.model_config = recurrent, dict[str, Any]()

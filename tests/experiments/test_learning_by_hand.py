@@ -180,7 +180,7 @@ class Choices:
 
 
 class Burns(TorchHurdle):
-    """A hurdle distribution over 2 numbers, with one of 4 choices beside them."""
+    """A hurdle distribution over 2 numbers, and one of 4 choices."""
 
     numbers, choices = 2, 4
 
@@ -463,7 +463,7 @@ def test_what_the_learner_does_not_serve_goes_to_rllibs(monkeypatch: pytest.Monk
     assert learner.update(training_data=data) == "own"
     assert (own.pop()[:2], called) == ((3, 3), ["validate", "solve"])
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # nothing is told where nothing is to be learned, or RLlib calls in its own way
+        warnings.simplefilter("error")  # no warning where nothing is to be learned, or RLlib calls in its own way
         assert learner.update(episodes=[]) == "stock"
         assert learner.update("batch", episodes=episodes) == "stock"
     why["default_policy"] = "of a reason"

@@ -256,7 +256,7 @@ def test_the_best_trial_is_that_by_which_trials_are_ranked() -> None:
 
 
 class Board:
-    """Stands for TensorBoard's writer."""
+    """A stand-in for TensorBoard's writer."""
 
     made: list[Any] = []  # noqa: RUF012
 
@@ -286,7 +286,7 @@ def test_a_log_goes_on_after_the_steps_of_its_checkpoint(tmp_path: Path, monkeyp
         ("tensorboard", None), ("run/training_iteration", 1.0, 50), ("run/num_env_steps_sampled_lifetime", 50.0, 50),
         ("a/c", 2.0, 50), ("tensorboard", 51), ("tensorboard", None),
     ]  # fmt: skip
-    assert (tmp_path / "new" / "result.json").read_text() == ""  # begun anew
+    assert (tmp_path / "new" / "result.json").read_text() == ""  # started again
     anew.add({"training_iteration": 1.0, "num_env_steps_sampled_lifetime": 60.0})
     assert [row["steps"] for row in read_progress(tmp_path / "new" / "progress.csv")] == [60.0]
     assert read_progress(tmp_path / "nowhere.csv") == []
@@ -336,7 +336,9 @@ def test_what_came_of_each_trial_is_in_its_folder(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize(
-    ("text", "first"), [("# From here\nx: 1", ["# From here"]), ("x: 1\n# not the first", [])], ids=["told", "untold"]
+    ("text", "first"),
+    [("# From here\nx: 1", ["# From here"]), ("x: 1\n# not the first", [])],
+    ids=["first", "not first"],
 )
 def test_a_trial_is_written_before_it_trains(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, first: list[str]

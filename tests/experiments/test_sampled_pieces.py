@@ -55,7 +55,7 @@ def filled(rollout: Any) -> Any:
 def seven_steps() -> Rollout:
     """Return 7 steps of two environments, in the second of which the last agent had ended before.
 
-    In the first, blue terminates at 2, red and green at 4 by time and in the task's way; then all go on. In the second,
+    In the first, blue terminates at 2, red and green at 4 by time and by the task; then all continue. In the second,
     the others end at 7 with the last step, in the task's way.
     """
     flying = np.ones((3, 2), dtype=np.bool_)
@@ -114,7 +114,7 @@ def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> No
     on = third.agent_episodes["red"].part.whole_observations
     np.testing.assert_array_equal(on[:3], track.observations[0, 0, 4:7])
     np.testing.assert_array_equal(on[3], [7.5, 7.5])
-    # Where green alone is wanted, there is no episode without it.
+    # Where green alone is required, there is no episode without it.
     green = multi_agent_episodes(rollout, SLOTS[2:], SPACES, ["a", "b", "c"], 6, "mapping")
     assert [list(episode.agent_episodes) for episode in green] == [["green"]] * 2
     assert [episode.id_ for episode in green] == ["a", "c"]
@@ -154,7 +154,7 @@ def test_episodes_beyond_those_that_are_wanted_are_left_out() -> None:
 
 
 def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
-    """The first environment ends after step 4, with 2, 1 and 3 decisions; the second goes on with 1, 0 and 2."""
+    """The first environment ends after step 4, with 2, 1 and 3 decisions; the second continues with 1, 0 and 2."""
     rollout = DecisionRollout(SIZES, np.array([6, 0]))
     assert (rollout.random, rollout.missing) == (False, False)
     group, alone = rollout.tracks
@@ -244,7 +244,7 @@ def test_the_learner_takes_no_steps_of_the_time_before() -> None:
 
 
 class Steps:
-    """Stands for a team's step: keeps the actions, and ends whom it is told to end."""
+    """A stand-in for a team's step: keeps the actions, and ends the agents that `ends` names."""
 
     def __init__(self, env: Any) -> None:
         self.team, self.actions = env.team, list[Any]()

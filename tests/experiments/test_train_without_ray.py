@@ -1,4 +1,4 @@
-"""`train` around a made-up Tune: folders, checkpoints to go on from, reached limits, errors and what they leave."""
+"""`train` around a made-up Tune: folders, checkpoints to continue from, reached limits, errors and what they leave."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ray
 
 
 class Tune:
-    """Stands for a training by Tune: notes what it is given, and leaves a checkpoint or an error."""
+    """A stand-in for a training by Tune: records its arguments, and leaves a checkpoint or an error."""
 
     def __init__(self) -> None:
         self.given: list[Any] = []

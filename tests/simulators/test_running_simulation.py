@@ -1,4 +1,4 @@
-"""A simulation with components, sensors and draws that are made up: what is told to whom, when, and of which rows."""
+"""A simulation with made-up components, sensors and draws: which calls each gets, when, and with which rows."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Plan(ResetPlan):
 
 
 class Component(RunningComponent):
-    """Keeps a number for each environment, and notes what it is told.
+    """Keeps a number for each environment, and records its calls.
 
     Args:
         factor: The control is multiplied by it.
@@ -308,7 +308,7 @@ def test_a_part_knows_where_its_environments_stand_in_the_whole() -> None:
         np.testing.assert_array_equal(part.flown, 2.0 * control()[rows] + 1.0)
         assert part.state["count_double"].tolist() == part.state.step.tolist()
     assert whole.state.whole_rows is None
-    assert told(whole) == []  # the part has components of its own
+    assert told(whole) == []  # the part has its own components
     part.end(np.array([True, False]))
     part.leave(whole, rows)
     assert whole.components["double"].kept.tolist() == [0.0, 0.0, 0.0, 1.0]

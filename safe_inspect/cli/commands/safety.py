@@ -76,8 +76,8 @@ def _run_audit(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"{arguments.cfg}: the audit supports only RTAGlueCWHInspection1v1 with the method 'backup'")
 
     def show(found: Audit) -> None:
-        told = f"{found.settings:,} of {arguments.audit + 1:,} settings, {found.steps:,} steps"
-        print(f"{told}, {found.infeasible:,} without a plan, {found.violations:,} violations", file=sys.stderr)
+        line = f"{found.settings:,} of {arguments.audit + 1:,} settings, {found.steps:,} steps"
+        print(f"{line}, {found.infeasible:,} without a plan, {found.violations:,} violations", file=sys.stderr)
 
     report = audit(arguments.audit, seed=arguments.seed, first=glue.backup_filter, progress=show)
     print(report)

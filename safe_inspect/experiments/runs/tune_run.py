@@ -130,12 +130,12 @@ def run_tune(
     where = f"continues after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:
         where = "continues with the trials that have not ended"
-    anew = (
+    note = (
         "; all episodes start again, so the first rows contain those that end early, such as crashes" if start else ""
     )
     compiles = "code that is not compiled yet on this installation is compiled first, which can take some minutes"
     print(
-        f"{folder.path}: the training {where}{anew}; {compiles}; Ray takes some seconds to start",
+        f"{folder.path}: the training {where}{note}; {compiles}; Ray takes some seconds to start",
         file=stream,
         flush=True,
     )

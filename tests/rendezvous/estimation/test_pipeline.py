@@ -246,7 +246,7 @@ def test_the_centre_is_looked_for_where_something_is_seen(known: bool) -> None:
 
 
 def trusted(monkeypatch: pytest.MonkeyPatch, innovations: list[list[float]], coasts: tuple[int, ...] = ()) -> Any:
-    """Return for each frame after the second which edges are used, and whether a jump is told."""
+    """Return for each frame after the second which edges are used, and whether a jump is reported."""
     values = [[0.0], [0.0], *innovations]
     flight = Flight(lambda number: [replace(edge(number), inliers=value) for value in values[number]])
     monkeypatch.setattr(module, "centre_innovation", lambda graph, expected, one: one.inliers)
@@ -343,7 +343,7 @@ def test_a_motion_is_fitted_every_five_seconds_from_fifteen_on() -> None:
 def fitted(
     known: TargetEstimate | None, changed: bool, found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
-    """Return a pipeline after a fit at 40 s, and what it was told to forget."""
+    """Return a pipeline after a fit at 40 s, and what it was asked to forget."""
     flight, forgotten = Flight(target=SimpleNamespace(swept_radius=1.0)), list[Any]()
     flight.see(*np.arange(0.0, 5.0), 25.0, 39.0)
     pipeline = flight.pipeline
