@@ -155,6 +155,7 @@ def test_files_that_are_none(typed):
         assert (code, shown in err) == (2, True), err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 20_000, "[" * 20_000 + "]" * 20_000, "{a: " * 20_000])
 def test_brackets_without_end_are_refused_at_once(typed, text):
     Path("deep.yml").write_text(f"a: {text}\n")

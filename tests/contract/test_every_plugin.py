@@ -53,8 +53,10 @@ _NEEDS_FIELDS = {
     ("policy", "SixDofInspector"): lambda: SixDofInspector(translation=ZeroThrust()),
 }
 
+#: Plugins whose check takes more than ten seconds: a filter with many kernels, a search, depth images.
+_SLOW = {("rta", "RTACWHInspectionTeam"), ("policy", "NaturalMotionInspector"), ("front_end", "ModelFrontEnd")}
 _PLUGINS = [
-    pytest.param(kind, name, id=f"{kind}-{name}")
+    pytest.param(kind, name, id=f"{kind}-{name}", marks=[pytest.mark.slow] if (kind, name) in _SLOW else [])
     for kind in registry.kinds()
     for name, cls in registry.items(kind)
     if cls.__module__.startswith("safe_inspect.")  # other tests define further plugins

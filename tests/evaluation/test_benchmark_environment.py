@@ -34,6 +34,7 @@ def report(tmp_path_factory):
     return done.stdout, json.loads(path.read_text())
 
 
+@pytest.mark.slow
 def test_every_case_is_measured_and_reported(report):
     text, told = report
     cases = [(row["case"], row["num_envs"], row["deputies"], row["thrust"]) for row in told["rates"]]
@@ -46,6 +47,7 @@ def test_every_case_is_measured_and_reported(report):
     assert {"cpu", "cores", "python", "numpy"} <= set(told["machine"])
 
 
+@pytest.mark.slow
 def test_the_cost_of_several_deputies_is_compared_with_one(report):
     text, told = report
     assert [(row["deputies"], row["of"]) for row in told["costs"]] == [(2, "the task of one deputy")] * 2 + [
@@ -58,6 +60,7 @@ def test_the_cost_of_several_deputies_is_compared_with_one(report):
     assert text.count("a step with 2 deputies costs") == 4
 
 
+@pytest.mark.slow
 def test_the_shares_are_of_the_whole_and_name_each_part(report):
     _, told = report
     for item in told["profiles"]:

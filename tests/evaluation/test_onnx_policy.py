@@ -217,6 +217,7 @@ class TestRefusals:
             load_onnx(exported["plain"][2])
 
 
+@pytest.mark.slow
 def test_a_file_is_flown_without_ray_and_torch(exported):
     code = (
         "import sys, json; from safe_inspect.evaluation import rollout\n"

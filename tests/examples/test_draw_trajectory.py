@@ -4,9 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = Path(__file__).parents[2] / "examples" / "draw_trajectory.py"
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_readme_can_be_drawn_again(tmp_path):
     task = ["--cfg", "safe_inspect/MultiagentTranslationalInspectionSeed-v0", "--seed", "4", "--until", "2500"]
     command = [sys.executable, str(SCRIPT), *task, "--out", str(tmp_path / "a.png")]

@@ -112,10 +112,10 @@ def test_an_installed_package_is_found_by_its_entry_point(tmp_path: Path) -> Non
     assert "is valid" in python("-m", "safe_inspect.cli.main", "validate", str(_EXPERIMENT), path=tmp_path)
 
 
-@pytest.mark.parametrize("steps", [6_000, pytest.param(100_000, marks=pytest.mark.slow)])
-def test_the_default_filter_keeps_the_deputy_off_the_wall(steps: int) -> None:
+@pytest.mark.slow
+def test_the_default_filter_keeps_the_deputy_off_the_wall() -> None:
     told = python(
-        "-m", "safe_inspect.cli.main", "safety", str(_WALL), _BY_PATH, "--steps", str(steps), "--num-envs", "256",
+        "-m", "safe_inspect.cli.main", "safety", str(_WALL), _BY_PATH, "--steps", "100000", "--num-envs", "256",
         path=_PACKAGE / "src",
     )  # fmt: skip
     (wall,) = (line.split() for line in told.splitlines() if line.startswith("Wall"))
@@ -124,6 +124,7 @@ def test_the_default_filter_keeps_the_deputy_off_the_wall(steps: int) -> None:
     assert "infeasible steps: 0;" in told
 
 
+@pytest.mark.slow
 def test_its_own_tests_pass() -> None:
     told = python("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests", path=_PACKAGE / "src")
     assert re.search(r"\n3\d passed in ", told), told

@@ -51,6 +51,7 @@ def weights(checkpoint, policy):
     return {name: value.numpy() for name, value in module.state_dict().items()}
 
 
+@pytest.mark.slow
 def test_each_agent_and_the_team_are_reported(trained):
     result, printed, _ = trained
     last = read_progress(result.folder / "progress.csv")[-1]
@@ -114,6 +115,7 @@ def test_other_policies_than_the_checkpoints_are_refused(trained):
     assert "this experiment has shared (red, blue, green)" in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runner", ["batched", pytest.param("stock", marks=pytest.mark.long)])
 def test_a_policy_from_a_checkpoint_flies_and_does_not_learn(trained, tmp_path, runner):
     result, _, _ = trained
@@ -180,6 +182,7 @@ def test_agents_that_see_different_things_cannot_share_a_policy(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_one_policy_for_all_is_trained(ray_session, tmp_path):
     everyone = PolicySpec("all", ("red", "blue", "green"), "PPO", {})
     result = train(run_of(tmp_path, (everyone,), THREE, iterations=1), io.StringIO())

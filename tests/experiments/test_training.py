@@ -117,6 +117,7 @@ def resumed(run, result, **changes):
     return TrainingRun(**fields)
 
 
+@pytest.mark.slow
 def test_a_finished_run_continues_with_a_later_limit(trained):
     result, _, run = trained
     stream = io.StringIO()
@@ -249,6 +250,7 @@ def test_what_does_not_fit_is_refused_and_leaves_no_folder(ray_session, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_message_that_says_how_to_continue(ray_session, tmp_path, monkeypatch):
     add = TrainingLog.add
 

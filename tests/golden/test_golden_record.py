@@ -19,7 +19,7 @@ from .trainings import TRAININGS, weights_after
 RECORD = json.loads(Path(__file__).with_name("record.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "plain"])
+@pytest.mark.parametrize("compiled", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["compiled", "plain"])
 @pytest.mark.parametrize("flight", FLIGHTS)
 def test_a_flight_gives_the_recorded_numbers(flight, compiled):
     hashes, sums = fly(flight, compiled=compiled)

@@ -38,6 +38,7 @@ def test_a_public_name_is_defined_once(measures: Any, trees: Any) -> None:
     assert measures.repeated_names(trees) == {}
 
 
+@pytest.mark.slow
 def test_no_measure_has_risen_unless_it_is_written_for_what(measures: Any) -> None:
     record = json.loads(measures.RECORD.read_text(encoding="utf-8"))["values"]
     values, lists = measures.details()

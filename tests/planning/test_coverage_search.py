@@ -115,6 +115,7 @@ def test_what_changes_at_random_is_recorded() -> None:
     check_record(RECORD, "at random", {"burns": np.concatenate(burns), "paths": paths, "sightings": steps})
 
 
+@pytest.mark.slow
 def test_the_fuel_for_sightings_keeps_the_path_within_the_limits_of_range() -> None:
     """Every point is in view at its step, and nothing is spent in excess of the recorded fuel."""
     costs, sizes = [], []

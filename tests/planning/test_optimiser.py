@@ -25,6 +25,7 @@ def entries(spec: EnvironmentSpec) -> list[Entry]:
     return optimise(spec, EPISODES, SEED, 0, EFFORTS["quick"])
 
 
+@pytest.mark.slow
 def test_plans_win_and_cost_no_more_than_the_inspector(spec: EnvironmentSpec, entries: list[Entry]) -> None:
     flown = rollout(spec, NaturalMotionInspector(), episodes=EPISODES, seed=SEED)
     spent = np.array([entry.delta_v for entry in entries])
@@ -34,6 +35,7 @@ def test_plans_win_and_cost_no_more_than_the_inspector(spec: EnvironmentSpec, en
     assert spent.mean() < 0.97 * flown.delta_v.mean()
 
 
+@pytest.mark.slow
 def test_a_plan_is_flown_as_it_was_planned_and_again_in_a_rollout(spec: EnvironmentSpec, entries: list[Entry]) -> None:
     policy = OpenLoopPlan.of((entry.key, entry.plan) for entry in entries)
     flown = rollout(spec, policy, episodes=EPISODES, seed=SEED, num_envs=4, record=2)
@@ -49,11 +51,13 @@ def test_a_plan_is_flown_as_it_was_planned_and_again_in_a_rollout(spec: Environm
         rollout(spec, policy, episodes=1, seed=SEED + 1)
 
 
+@pytest.mark.slow
 def test_plans_depend_neither_on_the_batch_nor_on_the_run(spec: EnvironmentSpec, entries: list[Entry]) -> None:
     parts = [optimise(spec, count, SEED, first, EFFORTS["quick"]) for first, count in ((0, 1), (1, 3))]
     assert [*parts[0], *parts[1]] == entries[:4]
 
 
+@pytest.mark.slow
 def test_light_costs_fuel_and_dark_is_never_cheaper(entries: list[Entry]) -> None:
     bright = load_spec(SINGLE, ["config.config.env_config.simulator.config.illumination_params=null"])
     freely = optimise(bright, 3, SEED, 0, EFFORTS["quick"])
@@ -63,6 +67,7 @@ def test_light_costs_fuel_and_dark_is_never_cheaper(entries: list[Entry]) -> Non
         assert free.delta_v <= lit.delta_v + 1e-6
 
 
+@pytest.mark.slow
 def test_weak_thrusters_burn_longer(entries: list[Entry]) -> None:
     weak = 0.02
     limits = f"{{name: thrust, low: -{weak}, high: {weak}}}"

@@ -83,6 +83,7 @@ def test_a_jump_of_the_bias_without_frames_does_not_carry_the_estimate_away() ->
     assert np.abs(error[blind, 3:] - error[blind, 3:][0]).max() < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "overrides"),
     [
@@ -107,6 +108,7 @@ def test_while_the_camera_swings_to_the_target_the_inertial_frame_does_not_turn(
     assert turn @ np.linalg.solve(graph.chaser_covariance[:3, :3], turn) < 21.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["clean", "nominal", "harsh"])
 def test_the_covariance_of_a_pose_adapts_to_the_noise_of_the_camera(profile: str) -> None:
     """Squared errors of the rotations to the model over their covariances, for each degree of freedom."""
@@ -132,6 +134,7 @@ def test_before_it_is_known_the_errors_say_so(watched: MissionResult) -> None:
     assert watched.summary["nees"] is None
 
 
+@pytest.mark.slow
 def test_a_motion_whose_attitude_is_hardly_known_is_not_believed() -> None:
     """In this mission the first fits turn the target the other way, with an attitude known to 20 degrees and worse."""
     result = Mission(

@@ -119,6 +119,7 @@ def test_the_front_end_gives_poses_that_do_not_drift(target: Target, streams: St
     assert np.median([_degrees(inverse(truth[0]) @ truth[edge.second], edge.pose) for edge in early]) < 1.5
 
 
+@pytest.mark.slow
 def test_the_same_frames_give_the_same_bytes(target: Target, streams: Streams, shoot: Shoot) -> None:
     frames = [shoot(one, k, time=float(k)) for k, one in enumerate(spin(3))]
     first, second = (_run(target, streams, frames) for _ in range(2))
@@ -127,6 +128,7 @@ def test_the_same_frames_give_the_same_bytes(target: Target, streams: Streams, s
     ]
 
 
+@pytest.mark.slow
 def test_it_recovers_when_the_target_was_out_of_view(target: Target, streams: Streams, shoot: Shoot) -> None:
     truth = spin(12)
     frames = [shoot(one, k, time=float(k)) for k, one in enumerate(truth)]
