@@ -52,7 +52,8 @@ class Problem:
     hint: str = ""
 
     def __str__(self) -> str:
-        where = " ".join(part for part in (f"{self.location}" if self.location else "", self.path) if part)
+        after = ": " if self.location and self.location.text else " "  # an override needs a colon before the path
+        where = after.join(part for part in (f"{self.location}" if self.location else "", self.path) if part)
         text = f"{where}: {self.message}" if where else self.message
         return f"{text}; {self.hint}" if self.hint else text
 

@@ -80,7 +80,7 @@ def test_what_is_doubtful_is_printed_before_the_flight(capsys: pytest.CaptureFix
     for command in ("validate", "rendezvous"):
         main([command, _FILE, "tumble.config.rate=0.08", "mission.time_limit=1 s"])
         err = capsys.readouterr().err
-        assert "warning: command line: tumble.config.rate=0.08 tumble.config.rate: 0.08 has no unit" in err
+        assert "warning: command line: tumble.config.rate=0.08: tumble.config.rate: 0.08 has no unit" in err
     assert main(["validate", _FILE, "chaser.position=[0 m, -0.3 m, 0 m]"]) == 2
     assert "chaser.position: the chaser would overlap the target" in capsys.readouterr().err
 

@@ -104,7 +104,7 @@ def test_a_mistake_that_a_training_meets_gets_its_place(
     monkeypatch.setattr(train, "train", refuse)
     code, _, err = typed("train", EXPERIMENT, "training_iteration=3")
     assert code == 2
-    place = "command line: training_iteration=3 config.config.tune_config.stop.training_iteration"
+    place = "command line: training_iteration=3: config.config.tune_config.stop.training_iteration"
     assert err.splitlines()[-1] == f"error: {place}: it is too small"
     monkeypatch.setattr(train, "train", lambda run: result_of(here, interrupted=True))
     assert typed("train", EXPERIMENT)[0] == 128 + signal.SIGINT

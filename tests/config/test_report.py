@@ -163,7 +163,7 @@ def test_an_overridden_value_is_located_on_the_command_line(write):
     write({"a.yml": "trials:\n  - {functor: ScaledTrial, config: {scale: 1}}\n"})
     tree = apply_overrides(load("a.yml"), ["ScaledTrial.config.scale=abc"])
     assert report(tree) == [
-        "command line: ScaledTrial.config.scale=abc trials[0].config.scale: expected a number, got 'abc'"
+        "command line: ScaledTrial.config.scale=abc: trials[0].config.scale: expected a number, got 'abc'"
     ]
 
 
