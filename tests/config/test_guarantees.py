@@ -278,7 +278,7 @@ def test_thrusters_that_cannot_brake_against_the_tide_are_flown_with_a_note() ->
     (note,) = [str(item.message) for item in caught]
     words = "blue0_ctrl: thrusters of 0.05 N cannot brake 12 kg against the tide everywhere; of 3530 safe states"
     assert note.startswith(words)
-    assert 50.0 < float(note.rpartition("can keep ")[2].removesuffix(" %")) < 58.0
+    assert 50.0 < float(note.rpartition("can keep safe ")[2].removesuffix(" %")) < 58.0
 
 
 def test_thrusters_that_keep_nothing_are_refused() -> None:

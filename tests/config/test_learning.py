@@ -33,7 +33,7 @@ def problems(experiment, found=()):
         (
             SEED,
             [_DQN],
-            "DQN supports only discrete actions, but these are continuous",
+            "DQN supports only discrete actions, but these are real numbers",
             "replace ControllerGlue by Discrete",
         ),
         (
