@@ -125,7 +125,7 @@ def test_list_of_a_kind_and_of_a_name(typed):
     assert "CrashDoneFunction" not in out
     code, out, _ = typed("list", "reward", "InspectionRTAReward")
     assert code == 0
-    assert "scale = -0.01  Reward of an intervention" in out
+    assert "scale = -0.01  Reward for an intervention" in out
     assert "ObservedPointsReward" not in out
 
 
@@ -150,7 +150,7 @@ def test_list_of_what_is_not_there(typed, words, shown):
         (
             EXPERIMENT,
             ("algorithm=DQN",),
-            "DQN supports only discrete actions, but these are continuous; replace ControllerGlue",
+            "DQN supports only discrete actions, but these are real numbers; replace ControllerGlue",
         ),
         (
             SHIPPED,
@@ -375,10 +375,10 @@ def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
     [
         (("safety", "--steps", "0"), "--steps: expected a whole number of at least 1, not '0'"),
         (("safety", "--steps", "many"), "--steps: expected a whole number of at least 1, not 'many'"),
-        (("safety", "--num-envs", "-3"), "--num-envs: a whole number of at least 1"),
-        (("acceptance", "--draws", "1.5"), "--draws: a whole number of at least 1"),
-        (("safety", "--off", "--steps", "60", "--seed", "-1"), "--seed: a whole number from 0"),
-        (("acceptance", "--draws", "5", "--seed", str(2**64)), "--seed: a whole number from 0"),
+        (("safety", "--num-envs", "-3"), "--num-envs: expected a whole number of at least 1"),
+        (("acceptance", "--draws", "1.5"), "--draws: expected a whole number of at least 1"),
+        (("safety", "--off", "--steps", "60", "--seed", "-1"), "--seed: expected a whole number from 0"),
+        (("acceptance", "--draws", "5", "--seed", str(2**64)), "--seed: expected a whole number from 0"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(typed, words, shown):

@@ -72,7 +72,7 @@ def test_options_that_are_no_dictionary_are_refused():
 
 @pytest.mark.parametrize("space", ["observation_space", "action_space"])
 def test_an_unknown_agent_lists_the_known_ones(space):
-    with pytest.raises(AgentError, match="named 'nobody'; known: `blue0_ctrl`"):
+    with pytest.raises(AgentError, match="controlled agent 'nobody'; known: `blue0_ctrl`"):
         getattr(safe_inspect.make_parallel(TEAM), space)("nobody")
 
 

@@ -232,7 +232,7 @@ class TestErrors:
         for build in (make, make_vec):
             with pytest.raises(SafeInspectError, match=r"this task has 3 \(blue0_ctrl, .*make_parallel"):
                 build(TASK)
-        with pytest.raises(SafeInspectError, match=r"5 act .*blue3_ctrl, \.\.\.\)"):
+        with pytest.raises(SafeInspectError, match=r"this task has 5 .*blue3_ctrl, \.\.\.\)"):
             InspectionVectorEnv(task("blue#_ctrl.count=5", "horizon=25"))
 
     def test_one_agent_with_scripted_ones_is_a_single_agent(self):

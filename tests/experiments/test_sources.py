@@ -94,7 +94,7 @@ def test_what_is_no_source_is_one_message(run, tmp_path, monkeypatch):
     folder, checkpoint = run
     alone = tmp_path / "checkpoint_000001"
     shutil.copytree(checkpoint, alone)
-    with pytest.raises(CheckpointError, match="give it with --cfg"):
+    with pytest.raises(CheckpointError, match="give the task with --cfg"):
         open_source(alone)
     spec, _ = open_source(alone, folder / "experiment.resolved.yml")
     assert len(spec.agents) == 1

@@ -163,7 +163,7 @@ def test_a_full_disk_is_reported_once(film, tmp_path, monkeypatch):
 def test_numbers_out_of_range_are_refused(flown, film, tmp_path):
     with pytest.raises(ValueError, match="at least 2 frames"):
         Film(flown, frames=1)
-    with pytest.raises(ValueError, match="pixels of width"):
+    with pytest.raises(ValueError, match="a width of 320 to 3840 pixels"):
         Film(flown, width=10)
     with pytest.raises(ValueError, match="pictures per second"):
         save_film(film, tmp_path / "a.gif", fps=0.0)

@@ -22,6 +22,8 @@ FIGURES = (
     "success", "cause", "time", "time_on_approach", "least_clearance", "mating_position_error", "mating_speed_error",
     "delta_v", "largest_force", "largest_gauge", "plans", "tumble_axis", "tumble_rate", "keep_in_excursion",
 )  # fmt: skip
+#: Figures that a single moment or the last millimetres of an approach determine.
+EXTREMES = ("largest_force", "largest_gauge", "mating_position_error", "mating_speed_error", "keep_in_excursion")
 
 
 def figures(mission: str) -> dict[str, bool | str | float]:

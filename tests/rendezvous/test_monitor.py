@@ -42,7 +42,7 @@ def test_a_reference_that_needs_too_much_force_is_named(plan, bound, design):
     velocity = plan.velocity.copy()
     velocity[100:] += 0.0029
     velocity[101:] -= 0.0058  # a step of the velocity that no force of 0.3 N gives in 0.2 s with feedback left
-    assert "the limit of force" in reference_problem(design, plan, bound, TrackedReference(plan.position, velocity))
+    assert "the force limit" in reference_problem(design, plan, bound, TrackedReference(plan.position, velocity))
 
 
 def test_rows_after_the_plan_are_held_to_the_limits_only(plan, bound, design):

@@ -133,7 +133,7 @@ def test_mistakes_are_one_message():
         TumblingTarget(inertia=((1, 2, 0), (0, 1, 0), (0, 0, 1)))
     with pytest.raises(ValidationError, match="no body has the principal moments"):
         TumblingTarget(inertia=((1, 0, 0), (0, 1, 0), (0, 0, 3)))
-    with pytest.raises(ValidationError, match="no direction"):
+    with pytest.raises(ValidationError, match="neither a direction nor an attitude"):
         TumbleParameter(direction=(0, 0, 0))
     with pytest.raises(ValidationError, match="number in rad/s"):
         TumbleParameter(rate=UniformParameter(units="m"))

@@ -94,7 +94,7 @@ def _small_frame(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (_remove("sensors.yml"), "it has no sensors.yml"),
+        (_remove("sensors.yml"), "there is no sensors.yml"),
         (_remove("frames.csv"), r"frames.csv: it cannot be read"),
         (_remove("imu.csv"), "exactly one"),
         (_edit("sensors.yml", "fx: 40.0", "fx: -3"), r"sensors.yml:\d+ camera.fx"),

@@ -88,7 +88,7 @@ class ModelFrontEnd(FrontEnd):
 
     Attributes:
         range_sigma: Constant part of the standard deviation of a measured range [m].
-        range_growth: Coefficient of the part that grows with the square of the range [1/m].
+        range_growth: Coefficient of the part that grows with the square of the range [m], at a range of 1 m.
     """
 
     range_sigma: PositiveLength = 3e-3  # type: ignore[valid-type]
