@@ -104,6 +104,7 @@ def test_what_is_declared_and_done_passes(plugin):
         (Push(declared=0.0), "a step moves `velocity` by 0.01 m/s"),
         (Leaning(declared=8e-5), "a step moves `velocity` by 0.001 m/s"),
     ],
+    ids=["less than a push", "nothing of a push", "less than a lean"],
 )
 def test_more_than_is_declared_breaks_the_contract(plugin, words):
     assert words in "".join(breaches(plugin).values())

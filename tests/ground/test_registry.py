@@ -168,9 +168,7 @@ def test_an_abstract_class_is_not_a_plugin_to_name() -> None:
 def test_a_class_that_lacks_a_method_is_refused_with_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "from safe_inspect.rewards import Reward\n\n\nclass IdleReward(Reward):\n    pass\n"
     write_module(tmp_path, monkeypatch, "ground_idle_module", text)
-    with pytest.raises(
-        RegistryError, match=r"'ground_idle_module.IdleReward' is an abstract class; define `__call__`"
-    ):
+    with pytest.raises(RegistryError, match=r"'ground_idle_module.IdleReward' is an abstract class; define `__call__`"):
         registry.get("reward", "ground_idle_module.IdleReward")
 
 
