@@ -148,7 +148,7 @@ def test_a_cluster_is_joined_and_left(fake: FakeRay) -> None:
             joined = {"address": address, "log_to_driver": False, "runtime_env": {"a": "b"}, "logging_level": "ERROR"}
             assert fake.calls == [joined]
         assert fake.calls == [joined, "shutdown"]
-        with pytest.raises(ConfigError, match="needs 4.1 processors"), cluster.ray_cluster(settings, 4.1, None):
+        with pytest.raises(ConfigError, match=r"needs 4\.1 processors"), cluster.ray_cluster(settings, 4.1, None):
             pass
         assert fake.calls == [joined, "shutdown", joined, "shutdown"]
 
