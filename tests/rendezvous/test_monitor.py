@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.bound.conformal import Bound
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import TubeDesign, design_tube
-from safe_inspect.rendezvous.control.monitor import reference_problem
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.coordination.reference import reference_problem
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_a_reference_that_needs_too_much_force_is_named(plan, bound, design):
     velocity = plan.velocity.copy()
     velocity[100:] += 0.0029
     velocity[101:] -= 0.0058  # a step of the velocity that no force of 0.3 N gives in 0.2 s with feedback left
-    assert "the limit of force" in reference_problem(design, plan, bound, TrackedReference(plan.position, velocity))
+    assert "the force limit" in reference_problem(design, plan, bound, TrackedReference(plan.position, velocity))
 
 
 def test_rows_after_the_plan_are_held_to_the_limits_only(plan, bound, design):
