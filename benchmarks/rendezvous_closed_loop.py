@@ -33,25 +33,23 @@ from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
-from safe_inspect.rendezvous.bound.conformal import Bound  # noqa: E402
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
-from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
+from safe_inspect.rendezvous.control.bound import Bound  # noqa: E402
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
 from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import AxisStatus  # noqa: E402
-from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
+from safe_inspect.rendezvous.control.trials import BoundQuery, Updates  # noqa: E402
+from safe_inspect.rendezvous.control.tube import Axis, no_tube  # noqa: E402
 from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
 from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
-from safe_inspect.rendezvous.estimate import BodyState  # noqa: E402
-from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.models import RendezvousConfig  # noqa: E402
-from safe_inspect.rendezvous.pilot import limits_of  # noqa: E402
-from safe_inspect.rendezvous.planner.certificate import certify  # noqa: E402
+from safe_inspect.rendezvous.coordination.pilot import limits_of  # noqa: E402
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors  # noqa: E402
+from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous  # noqa: E402
+from safe_inspect.rendezvous.missions.truth import ChaserFlight  # noqa: E402
+from safe_inspect.rendezvous.planner.checks import certify  # noqa: E402
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
-from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
-from safe_inspect.rendezvous.truth import ChaserFlight  # noqa: E402
 
 _SETTINGS = (
     "tumble={functor: RandomTumble}",
@@ -88,7 +86,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
         plan = config.planner(query)
         if not plan.solved:
             return f"plan: {plan.status.value}"
-        bound = config.bound(BoundQuery(plan, target.principal, errors, Updates(1.0, 0.0, 0.9), chaser.mass), streams)
+        bound = config.bound(BoundQuery(plan, target.principal, errors, Updates(1.0, 0.9), chaser.mass), streams)
         design = config.tracker.design(
             DesignRequest(
                 plan=plan,

@@ -22,19 +22,17 @@ from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multip
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.metrics.statistics import wilson
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import conformal_bound, trial_streams
-from safe_inspect.rendezvous.bound.query import BoundQuery, JointErrors
-from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
-from safe_inspect.rendezvous.characterise.fit import Motion
-from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
-from safe_inspect.rendezvous.edges import MODEL
-from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
+from safe_inspect.rendezvous.control.bound import conformal_bound, trial_streams
+from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, sample_errors
+from safe_inspect.rendezvous.estimate import JointErrors
+from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.fit import Motion, logits_of, ratios_of
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.planner.paths import SplinePath
+from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free
 from safe_inspect.rendezvous.planner.query import PlanQuery
-from safe_inspect.rendezvous.planner.spline import SplinePath
-from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free
 from safe_inspect.rendezvous.plugins import EnvisatTarget, RandomTumble
+from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 

@@ -18,15 +18,14 @@ import numpy as np
 
 from safe_inspect.geometry.pointing import R_BC, point_camera
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
+from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model import registration as module
-from safe_inspect.rendezvous.front_end.model.faces import Faces
-from safe_inspect.rendezvous.front_end.model.kernel import Sums
-from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
-from safe_inspect.rendezvous.models import RendezvousConfig, SensorsConfig
+from safe_inspect.rendezvous.front_end.faces import Faces
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
+from safe_inspect.rendezvous.recording.record import WatchedFrame, watch
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -34,8 +33,8 @@ from safe_inspect.types import FloatArray
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
-def _no_outline(*_: Any) -> Sums:
-    return Sums(0.0, 0.0, 1, 0)
+def _no_outline(*_: Any) -> tuple[float, float, int, int]:
+    return 0.0, 0.0, 1, 0
 
 
 def _all_faces(self: Faces, _: FloatArray) -> Any:

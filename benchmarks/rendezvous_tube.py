@@ -25,20 +25,17 @@ from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
-from safe_inspect.rendezvous.bound.conformal import Bound, conformal_bound  # noqa: E402
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates  # noqa: E402
-from safe_inspect.rendezvous.bound.samples import sample_errors  # noqa: E402
-from safe_inspect.rendezvous.control.axis import Axis  # noqa: E402
+from safe_inspect.rendezvous.control.bound import Bound, conformal_bound  # noqa: E402
 from safe_inspect.rendezvous.control.design import TubeDesign, design_tube  # noqa: E402
-from safe_inspect.rendezvous.control.lqr import LQRTrackerRun  # noqa: E402
 from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
-from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput  # noqa: E402
-from safe_inspect.rendezvous.control.tube import no_tube  # noqa: E402
-from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan  # noqa: E402
+from safe_inspect.rendezvous.control.tracker import AxisStatus, LQRTrackerRun, TrackerOutput  # noqa: E402
+from safe_inspect.rendezvous.control.trials import BoundQuery, Updates, sample_errors  # noqa: E402
+from safe_inspect.rendezvous.control.tube import Axis, no_tube  # noqa: E402
+from safe_inspect.rendezvous.estimate import EstimateErrors  # noqa: E402
+from safe_inspect.rendezvous.planner.paths import SplinePath  # noqa: E402
+from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
-from safe_inspect.rendezvous.planner.spline import SplinePath  # noqa: E402
-from safe_inspect.rendezvous.planner.transport import Path, to_inertial, torque_free  # noqa: E402
 
 AXIS = Axis(9.583788668)
 INERTIA = np.array([0.1314, 0.9661, 1.0])

@@ -2,14 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.types import FloatArray
+
+
+@dataclass(frozen=True)
+class EstimateErrors:
+    """Standard deviations of the errors of an estimate; the components are independent and normally distributed.
+
+    Attributes:
+        attitude: Error of the target's attitude, about each axis of T [rad].
+        rate: Error of its angular velocity, along each axis of T [rad/s].
+        centre: Error of its centre of mass, along each axis of W [m].
+        inertia: Error of the logits of its inertia ratios; the ratios remain those of a rigid body.
+        position: Error of the chaser's position, along each axis of W [m].
+        velocity: Error of the chaser's velocity, along each axis of W [m/s].
+    """
+
+    attitude: float
+    rate: float
+    centre: float = 0.0
+    inertia: float = 0.0
+    position: float = 0.0
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointErrors(EstimateErrors):
+    """Correlated errors of an estimate; they are sampled from `joint`, and the other fields only summarise it.
+
+    Attributes:
+        joint: Covariance of the logits of the inertia ratios (2), attitude a (3) and rate r (3) in T, and of the centre
+            of mass (3) and the chaser's velocity (3) in W, both relative to the other body, shape (14, 14). The
+            attitude is ``q Exp(a)`` and the rate ``Exp(-a) w + r``: r is the error in axes that a does not rotate.
+    """
+
+    joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
+
 
 #: Errors of the estimate of a target whose motion is not known yet [rad, rad/s, m].
 UNKNOWN = EstimateErrors(attitude=np.pi, rate=1.0, centre=1.0, inertia=1.0, velocity=0.1)

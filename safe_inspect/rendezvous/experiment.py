@@ -3,28 +3,139 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from safe_inspect.config.loading.includes import places
 from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, plain
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.config.messages.report import problems_of
-from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models.experiment import ExperimentConfig, Model
 from safe_inspect.config.models.fields import written_values
 from safe_inspect.config.overrides import apply_overrides, with_value
 from safe_inspect.errors import ConfigError, Location, Problem
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.plugins.functor import functor_field, misplaced
+from safe_inspect.rendezvous.control.bound import ConformalBound
+from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
+from safe_inspect.rendezvous.plugins import MeshTarget
+from safe_inspect.rendezvous.readings import Reading
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
+from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.units import PositiveDuration
 from safe_inspect.version import __version__
 
 #: Keys whose value may be a list of mappings, which are then merged from left to right.
 _MERGED = ("mission", "chaser")
+_MESHES = (".stl", ".ply", ".obj")
+
+
+def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
+    return Annotated[functor_field(kind), Field(default=default, validate_default=True)]
+
+
+class SensorsConfig(Model):
+    """The sensors of the chaser. A sensor that the estimator does not read is not simulated.
+
+    Attributes:
+        camera: The depth camera.
+        frame_period: Time between two frames [s], a multiple of the control step.
+        imu: Errors of the inertial unit.
+        imu_ticks: Number of ticks between two samples of the inertial unit.
+        poses: Simulated sensor of relative poses, which ``MeasuredPoses`` reads instead of frames.
+        state: Simulated sensor of states, which ``MeasuredState`` reads.
+    """
+
+    camera: TimeOfFlightCamera = TimeOfFlightCamera()
+    frame_period: PositiveDuration = 1.0  # type: ignore[valid-type]
+    imu: ImuNoise = ImuNoise()
+    imu_ticks: int = Field(default=2, ge=1)
+    poses: PoseSensor = PoseSensor()
+    state: StateSensor = StateSensor()
+
+    _check_imu = field_validator("imu")(checked_noise)
+
+    def misfits(self, mission: MissionConfig, reads: Collection[Reading]) -> Iterator[tuple[str, str]]:
+        """Yield the name of each field that does not match the rates of a mission, and the reason.
+
+        Args:
+            mission: The mission.
+            reads: The kinds of measurements that the estimator reads.
+        """
+        steps = round(self.frame_period / mission.step)
+        has_frames = "frames" in reads or "poses" in reads
+        if has_frames and (steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9):
+            yield (
+                "frame_period",
+                f"{self.frame_period:g} s is not a multiple of the control step, {mission.step:g} s; round it",
+            )
+        if "inertial" in reads and self.imu_ticks > mission.control_ticks:
+            yield (
+                "imu_ticks",
+                f"{self.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} ticks "
+                "of a control step; lower it",
+            )
+
+
+class RendezvousConfig(Model):
+    """A rendezvous experiment.
+
+    Attributes:
+        seed: Seed of all missions.
+        plugin_paths: Modules with further plugins, which are imported before any name is looked up.
+        mission: Rates, guards and time limits.
+        chaser: The chaser.
+        target: The target's shape, inertia and mating point.
+        tumble: The target's initial attitude and angular velocity.
+        sensors: The sensors of the chaser.
+        estimator: Estimates the states of chaser and target from the measurements.
+        planner: Plans the approach.
+        bound: Bounds the error of the reference.
+        tracker: Follows the reference.
+    """
+
+    seed: int = Field(default=0, ge=0, lt=2**64)
+    plugin_paths: tuple[str, ...] = ()
+    mission: MissionConfig = MissionConfig()
+    chaser: ChaserConfig = ChaserConfig()
+    target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
+    tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
+    sensors: SensorsConfig = SensorsConfig()
+    estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
+    planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
+    bound: ConformalBound = ConformalBound()
+    tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _check_orbit(self) -> RendezvousConfig:
+        if self.mission.mean_motion and self.chaser.limits.keep_in is None:
+            raise ValueError(
+                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_parts(self) -> RendezvousConfig:
+        problems: list[tuple[tuple[str, ...], str]] = [
+            (("sensors", field), said) for field, said in self.sensors.misfits(self.mission, self.estimator.reads)
+        ]
+        box, position = self.chaser.limits.keep_in, self.chaser.position
+        if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
+            message = (
+                f"the start is outside of the keep-in box, |x| <= {box[0]:g}, |y| <= {box[1]:g}, |z| <= {box[2]:g} m; "
+                "move it, or enlarge chaser.limits.keep_in"
+            )
+            problems.append((("chaser", "position"), message))
+        if problems:
+            raise misplaced(problems)
+        return self
 
 
 @dataclass(frozen=True)
@@ -67,10 +178,10 @@ def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ())
         raise ConfigError(Problem("overrides must be a list of strings", hint=f"write [{overrides!r}]"))
     texts = list(overrides)
     tree = apply_overrides(_with_named(_mapping(load(path), path), texts), texts)
-    return build_rendezvous(with_absolute_files(tree), os.fspath(path))
+    return build_rendezvous(_with_absolute_files(tree), os.fspath(path))
 
 
-def with_absolute_files(tree: LocatedDict) -> LocatedDict:
+def _with_absolute_files(tree: LocatedDict) -> LocatedDict:
     """Return a tree in which the names of the files that plugins read are absolute.
 
     A relative name is looked up next to the configuration file that contains it, then where an included file would be;
@@ -154,3 +265,25 @@ def _mapping(tree: Any, path: str | os.PathLike[str]) -> LocatedDict:
         if isinstance(tree.get(key), list):
             merged[key] = merge(tree[key])
     return merged
+
+
+def read_target(path: str | os.PathLike[str]) -> Target:
+    """Read a target from a mesh of uniform density or from YAML with the key ``target``, such as an experiment.
+
+    Raises:
+        ConfigError: The file cannot be read, or has no target.
+    """
+    if Path(path).suffix.lower() in _MESHES:
+        return MeshTarget(path=os.path.abspath(Path(path).expanduser()))()
+    tree = load(path)
+    if not isinstance(tree, LocatedDict) or "target" not in tree:
+        raise ConfigError(
+            f"{os.fspath(path)}: it has no key `target`; give an experiment, another file with it, or a mesh"
+        )
+    part = _with_absolute_files(
+        LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)
+    )
+    try:
+        return RendezvousConfig.model_validate(part).target()  # type: ignore[no-any-return]
+    except ValidationError as error:
+        raise ConfigError(problems_of(error, tree, model=RendezvousConfig)) from None

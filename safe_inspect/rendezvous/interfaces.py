@@ -4,25 +4,22 @@ The base classes are in `safe_inspect.rendezvous.plugins`; docs/rendezvous.md li
 of each kind.
 """
 
-from safe_inspect.rendezvous.bound.conformal import Bound
-from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import AxisStatus, TrackerOutput
-from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
-from safe_inspect.rendezvous.estimation.context import EstimatorContext
-from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.planner.certificate import Certificate, certify
-from safe_inspect.rendezvous.planner.checks import plan_mistake
-from safe_inspect.rendezvous.planner.path import ApproachPath, SampledPath
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.planner.checks import Certificate, certify, plan_mistake
+from safe_inspect.rendezvous.planner.paths import ApproachPath, SampledPath
 from safe_inspect.rendezvous.planner.problem import mating_state, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
-from safe_inspect.rendezvous.sensors.poses import PoseFrame
-from safe_inspect.rendezvous.sensors.state import StateReading
+from safe_inspect.rendezvous.sensors.measured import PoseFrame, StateReading
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from safe_inspect.config.models.experiment import Model
-from safe_inspect.plugins.functor import functor_field, misplaced
-from safe_inspect.rendezvous.bound.conformal import ConformalBound
-from safe_inspect.rendezvous.readings import Reading
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
-from safe_inspect.rendezvous.sensors.poses import PoseSensor
-from safe_inspect.rendezvous.sensors.state import StateSensor
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
@@ -38,7 +30,6 @@ from safe_inspect.units import (
 PositiveAngle = quantity("rad", gt=0)
 _Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
-
 #: Shortest tick, and shortest and longest control step, that the attitude controller was tested with [s].
 _LEAST_TICK, _STEPS = 1e-4, (0.02, 1.0)
 #: Largest number of control steps of an approach, and of waits that are tried before one.
@@ -266,104 +257,3 @@ class MissionConfig(Model):
     def fails(self, kind: str, time: float) -> bool:
         """Return whether there is a fault of a kind at a time [s]."""
         return any(fault.kind == kind and fault.start <= time < fault.start + fault.duration for fault in self.faults)
-
-
-def _plugin(kind: str, default: str | dict[str, Any]) -> Any:
-    return Annotated[functor_field(kind), Field(default=default, validate_default=True)]
-
-
-class SensorsConfig(Model):
-    """The sensors of the chaser. A sensor that the estimator does not read is not simulated.
-
-    Attributes:
-        camera: The depth camera.
-        frame_period: Time between two frames [s], a multiple of the control step.
-        imu: Errors of the inertial unit.
-        imu_ticks: Number of ticks between two samples of the inertial unit.
-        poses: Simulated sensor of relative poses, which ``MeasuredPoses`` reads instead of frames.
-        state: Simulated sensor of states, which ``MeasuredState`` reads.
-    """
-
-    camera: TimeOfFlightCamera = TimeOfFlightCamera()
-    frame_period: PositiveDuration = 1.0  # type: ignore[valid-type]
-    imu: ImuNoise = ImuNoise()
-    imu_ticks: int = Field(default=2, ge=1)
-    poses: PoseSensor = PoseSensor()
-    state: StateSensor = StateSensor()
-
-    _check_imu = field_validator("imu")(checked_noise)
-
-    def misfits(self, mission: MissionConfig, reads: Collection[Reading]) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not match the rates of a mission, and the reason.
-
-        Args:
-            mission: The mission.
-            reads: The kinds of measurements that the estimator reads.
-        """
-        steps = round(self.frame_period / mission.step)
-        has_frames = "frames" in reads or "poses" in reads
-        if has_frames and (steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9):
-            yield (
-                "frame_period",
-                f"{self.frame_period:g} s is not a multiple of the control step, {mission.step:g} s; round it",
-            )
-        if "inertial" in reads and self.imu_ticks > mission.control_ticks:
-            yield (
-                "imu_ticks",
-                f"{self.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} ticks "
-                "of a control step; lower it",
-            )
-
-
-class RendezvousConfig(Model):
-    """A rendezvous experiment.
-
-    Attributes:
-        seed: Seed of all missions.
-        plugin_paths: Modules with further plugins, which are imported before any name is looked up.
-        mission: Rates, guards and time limits.
-        chaser: The chaser.
-        target: The target's shape, inertia and mating point.
-        tumble: The target's initial attitude and angular velocity.
-        sensors: The sensors of the chaser.
-        estimator: Estimates the states of chaser and target from the measurements.
-        planner: Plans the approach.
-        bound: Bounds the error of the reference.
-        tracker: Follows the reference.
-    """
-
-    seed: int = Field(default=0, ge=0, lt=2**64)
-    plugin_paths: tuple[str, ...] = ()
-    mission: MissionConfig = MissionConfig()
-    chaser: ChaserConfig = ChaserConfig()
-    target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
-    tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
-    sensors: SensorsConfig = SensorsConfig()
-    estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
-    planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
-    bound: ConformalBound = ConformalBound()
-    tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
-
-    @model_validator(mode="after")
-    def _check_orbit(self) -> RendezvousConfig:
-        if self.mission.mean_motion and self.chaser.limits.keep_in is None:
-            raise ValueError(
-                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_parts(self) -> RendezvousConfig:
-        problems: list[tuple[tuple[str, ...], str]] = [
-            (("sensors", field), said) for field, said in self.sensors.misfits(self.mission, self.estimator.reads)
-        ]
-        box, position = self.chaser.limits.keep_in, self.chaser.position
-        if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
-            message = (
-                f"the start is outside of the keep-in box, |x| <= {box[0]:g}, |y| <= {box[1]:g}, |z| <= {box[2]:g} m; "
-                "move it, or enlarge chaser.limits.keep_in"
-            )
-            problems.append((("chaser", "position"), message))
-        if problems:
-            raise misplaced(problems)
-        return self

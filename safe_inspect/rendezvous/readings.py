@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.sensors.imu import InertialSample
-from safe_inspect.rendezvous.sensors.state import StateReading
+from safe_inspect.rendezvous.sensors.measured import StateReading
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 

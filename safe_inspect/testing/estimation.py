@@ -8,10 +8,9 @@ from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.poses import inverse, pose
-from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
+from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.report import Report

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import ConformalBound
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.estimation.context import estimator_context
-from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig, SensorsConfig
-from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.checks import plan_mistake
+from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
+from safe_inspect.rendezvous.experiment import SensorsConfig
+from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
+from safe_inspect.rendezvous.missions.truth import ChaserTrace
+from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig
+from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 from safe_inspect.rendezvous.plugins import (
     ApproachPlanner,
@@ -33,9 +34,7 @@ from safe_inspect.rendezvous.plugins import (
     Tumble,
 )
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensing import SensorSuite
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.rendezvous.truth import ChaserTrace
 from safe_inspect.testing.estimation import check_front_end
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.testing.teams import SampleParts
@@ -214,7 +213,7 @@ def _plan() -> Plan:
 
 
 def _bound_query() -> BoundQuery:
-    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), Updates(1.0, 0.0, 0.5))
+    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), Updates(1.0, 0.5))
 
 
 def _arrays(target: Target) -> list[AnyArray]:

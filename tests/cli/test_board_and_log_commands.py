@@ -159,7 +159,7 @@ def test_a_log_is_characterised_and_its_estimate_written(
     monkeypatch.setattr(recording, "read_sensor_log", lambda folder: [folder])
     monkeypatch.setattr(recording, "check_log", lambda log: ["doubt"])
     monkeypatch.setattr(recording, "read_target", lambda path: f"target of {path}")
-    monkeypatch.setattr(recording, "Estimators", lambda front, *_: type(front).__name__)
+    monkeypatch.setattr(recording, "PipelineEstimator", lambda front_end: type(front_end).__name__)
     monkeypatch.setattr(
         recording, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
     )

@@ -24,7 +24,7 @@ from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.missions import LocalFlights, fly_missions, mission_episode
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.tables import MISSION_FIGURES
+from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 
 _FILE = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 _SHORT = ["tumble={functor: RandomTumble}", "mission.checkout=0.4 s", "mission.time_limit=2 s"]

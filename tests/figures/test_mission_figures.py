@@ -5,14 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from safe_inspect.figures.rendezvous.mission_figure import _plan_clearance, outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_page
-from safe_inspect.figures.rendezvous.mission_panels import outcome_of, plan_clearance, tracking_error
-from safe_inspect.figures.rendezvous.mission_scene import ribbon, target_solid
-from safe_inspect.figures.rendezvous.solid import Solid, best_view
+from safe_inspect.figures.rendezvous.mission_scene import Solid, best_view, ribbon, target_solid
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
 
 FIRST, STEPS = 15, 40  # the first step of the approach, and the number of steps
@@ -36,7 +35,7 @@ def test_the_clearance_of_a_plan_is_that_of_the_boxes(record: MissionRecord) -> 
     plan = record.plans[0]
     solid = target_solid(record)
     expected = solid.boxes.distance(plan.position_target) - record.config.chaser.radius
-    np.testing.assert_allclose(plan_clearance(record, plan), expected, atol=1e-12)
+    np.testing.assert_allclose(_plan_clearance(record, plan), expected, atol=1e-12)
 
 
 def test_the_error_is_from_the_tube_s_centre_or_without_a_tube_from_the_reference(record: MissionRecord) -> None:

@@ -41,8 +41,8 @@ from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust
-from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
 

@@ -12,7 +12,7 @@ from safe_inspect.cli.main import command_parser
 from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.open_loop import OpenLoopPlan  # noqa: F401 - which no configuration names
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.experiment import RendezvousConfig
 
 _WORDS = ("title", "description")
 #: What a number with a unit may be written as.

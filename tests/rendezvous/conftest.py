@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import SplinePath
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import conformal_bound
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
-from safe_inspect.rendezvous.bound.samples import ErrorSamples, sample_errors
+from safe_inspect.rendezvous.control.bound import conformal_bound
+from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, Updates, sample_errors
+from safe_inspect.rendezvous.estimate import EstimateErrors
 
 from .conftest import unobstructed_plan
 
@@ -24,7 +24,7 @@ def streams(count: int, seed: int = 0) -> Streams:
 
 @pytest.fixture
 def bound_query(plan) -> BoundQuery:
-    return BoundQuery(plan, INERTIA, ERRORS, Updates(2.0, 0.4, 0.3))
+    return BoundQuery(plan, INERTIA, ERRORS, Updates(2.0, 0.3))
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def many(query) -> ErrorSamples:
     return sample_errors(BoundQuery(plan, INERTIA, ERRORS, Updates(5.0)), streams(1000, 7))
 
 
-@pytest.mark.parametrize("updates", [None, Updates(1.0), Updates(5.0, 0.6, 0.9)])
+@pytest.mark.parametrize("updates", [None, Updates(1.0), Updates(5.0, 0.9)])
 def test_without_errors_the_bound_is_zero(plan, updates):
     samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0), updates), streams(20))
     bound = conformal_bound(samples, 0.2, 10)
@@ -42,7 +42,7 @@ def test_without_errors_the_bound_is_zero(plan, updates):
         assert not values.any()
 
 
-@pytest.mark.parametrize("updates", [None, Updates(2.0, 0.2, 0.5)])
+@pytest.mark.parametrize("updates", [None, Updates(2.0, 0.5)])
 def test_small_errors_act_linearly(plan, updates):
     def bound(factor: float):
         errors = EstimateErrors(*(1e-5 * factor * np.array(dataclasses.astuple(ERRORS))))
@@ -59,14 +59,6 @@ def test_rarer_updates_make_larger_bounds(plan):
     for updates in (Updates(1.0), Updates(5.0), Updates(20.0), None):
         samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 1e-3), updates), streams(100))
         late.append(np.sqrt((samples.position[:, 150:] ** 2).mean()))
-    assert np.all(np.diff(late) > 0.0)
-
-
-def test_latency_makes_larger_bounds(plan):
-    late = []
-    for latency in (0.0, 1.0, 4.0):
-        query = BoundQuery(plan, INERTIA, EstimateErrors(0.0, 1e-3), Updates(2.0, latency))
-        late.append(np.sqrt((sample_errors(query, streams(100)).position[:, 150:] ** 2).mean()))
     assert np.all(np.diff(late) > 0.0)
 
 
@@ -92,7 +84,7 @@ def test_errors_of_centre_and_navigation_shift_the_reference(plan):
 
 
 def test_successive_errors_are_correlated(plan):
-    query = BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0, centre=1.0), Updates(1.0, 0.0, 0.8))
+    query = BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0, centre=1.0), Updates(1.0, 0.8))
     errors = sample_errors(query, streams(400)).position[:, ::5]
     assert errors.std() == pytest.approx(1.0, abs=0.03)
     assert (errors[:, 1:] * errors[:, :-1]).mean() == pytest.approx(0.8, abs=0.05)
@@ -122,17 +114,8 @@ def test_a_smaller_epsilon_makes_a_larger_bound(many):
     assert np.all(np.diff(widths) > 0.0)
 
 
-def test_too_few_trials_are_refused(many):
-    with pytest.raises(ValueError, match="take 199 or more"):
-        conformal_bound(many[:110], 0.01)
+def test_the_fewest_trials_for_an_epsilon_state_it_exactly(many):
     assert conformal_bound(many[:199], 0.01).level == pytest.approx(0.99)
-
-
-def test_times_between_the_samples_of_the_plan_are_refused(bound_query):
-    with pytest.raises(ValueError, match=r"updates.period: 0.3 s is no multiple"):
-        sample_errors(dataclasses.replace(bound_query, updates=Updates(0.3)), streams(2))
-    with pytest.raises(ValueError, match="must be in"):
-        sample_errors(dataclasses.replace(bound_query, updates=Updates(1.0, 0.0, 1.0)), streams(2))
 
 
 def test_a_trial_does_not_depend_on_the_others(bound_query):

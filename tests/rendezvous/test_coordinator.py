@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.rendezvous.coordination import guards
-from safe_inspect.rendezvous.coordination.coordinator import FINAL, Coordinator, Phase, TableRow
-from safe_inspect.rendezvous.coordination.table import TABLE
+from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.coordination.coordinator import FINAL, TABLE, Coordinator, TableRow
 
 #: States of a chaser that leaves the target.
 _LEAVING = {Phase.RETREAT, Phase.DEPART}

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import Bound, conformal_bound
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
-from safe_inspect.rendezvous.bound.samples import sample_errors
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound, conformal_bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
 from safe_inspect.rendezvous.control.gains import natural_gain
 from safe_inspect.rendezvous.control.tightening import TrackingLimits
+from safe_inspect.rendezvous.control.trials import BoundQuery, Updates, sample_errors
+from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.demands import FIRST_MARGIN, PlanDemands
+from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.planner.query import Limits
 
 AXIS = Axis(9.583788668)

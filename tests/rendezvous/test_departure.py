@@ -5,7 +5,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.tide import to_hill
-from safe_inspect.rendezvous.coordination.departure import CommandedMotion, departure_velocity
+from safe_inspect.rendezvous.coordination.escape import CommandedMotion, departure_velocity
 
 _KEEP_IN = np.array([0.8, 3.0, 0.8])
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
-from safe_inspect.rendezvous.bound.query import EstimateErrors
 from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, StateEstimate
 from safe_inspect.rendezvous.models import MissionConfig
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 
 _DURATIONS = MissionConfig().escapes
 _TARGET = EnvisatTarget()()

@@ -8,10 +8,9 @@ import yaml
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError, MissingLibraryError
-from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous, read_target
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.recording.target_file import read_target
-from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.missions.scenario import check_scenario
 
 SHIPPED = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 

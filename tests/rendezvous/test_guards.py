@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.rendezvous.coordination import guards
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import Phase
 
 _MISSION = {
     "checkout": 2.0, "checkout_limit": 10.0, "observe": 20.0, "observe_limit": 50.0, "attitude_sigma": 0.05,

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 from safe_inspect.rendezvous.coordination import actions
-from safe_inspect.rendezvous.coordination.context import clearances
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import Phase, clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
-from safe_inspect.rendezvous.missions.summary import summarise_mission
-from safe_inspect.rendezvous.missions.tables import mission_table
-from safe_inspect.rendezvous.recording.replay import replay
+from safe_inspect.rendezvous.missions.summary import mission_table, summarise_mission
+from safe_inspect.rendezvous.missions.truth import replay
 
 from .test_experiment import SHIPPED
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.bound.conformal import Bound
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import TubeDesign, design_tube
-from safe_inspect.rendezvous.control.monitor import reference_problem
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.coordination.reference import reference_problem
 
 
 @pytest.fixture(scope="module")

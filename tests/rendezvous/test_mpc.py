@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.gains import natural_gain
-from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tracker import AxisStatus
-from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth_tube
+from safe_inspect.rendezvous.control.tracker import AxisStatus, LQRTrackerRun
+from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, no_tube, truth_tube
 
 AXIS = Axis(9.583788668)
 STEPS = 121

@@ -14,17 +14,17 @@ from safe_inspect.dynamics.cwh import system_matrices, transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
 from safe_inspect.rendezvous.control.tightening import TrackedReference
+from safe_inspect.rendezvous.control.tracker import LQRTrackerRun
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.coordination.pilot import limits_of
 from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.pilot import limits_of
+from safe_inspect.rendezvous.missions.truth import ChaserFlight
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.truth import ChaserFlight
 
 FILE: Path = configs_root() / "tumbling-rendezvous" / "experiment-orbit.yml"
 CONFIG = load_rendezvous(FILE).config

@@ -7,7 +7,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthFrame, DepthRenderer, TimeOfFlightCamera
-from safe_inspect.rendezvous.target.box import aligned_boxes, mesh_of_boxes
+from safe_inspect.rendezvous.target.boxes import _mesh_of_boxes, aligned_boxes
 from safe_inspect.rendezvous.target.model import TriangleMesh
 
 _CAMERA = TimeOfFlightCamera().geometry
@@ -23,7 +23,7 @@ def _frame(mesh: TriangleMesh, profile: str, distance: float = 1.5, seed: int = 
 
 
 def _box(half: float = 0.4) -> TriangleMesh:
-    return mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
+    return _mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
 
 
 def test_the_field_of_view_is_that_of_the_camera() -> None:
@@ -104,15 +104,17 @@ def test_pixels_fly_at_edges_only() -> None:
 
 def test_the_imu_measures_specific_force_and_rate_with_its_biases() -> None:
     unit = Imu(ImuNoise(), 0.016, _streams())
-    samples = [unit.sample(np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, 0.03])) for _ in range(3000)]
-    force = np.array([s.acceleration - s.acceleration_bias for s in samples])
-    rate = np.array([s.rate - s.rate_bias for s in samples])
+    samples, biases = [], []
+    for _ in range(3000):
+        biases.append(unit._bias)
+        samples.append(unit.sample(np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, 0.03])))
+    force, rate = np.split(np.hstack(np.swapaxes(samples, 0, 1)) - np.array(biases), 2, axis=1)
     np.testing.assert_allclose(force.mean(axis=0), [0.2, -0.1, 0.3], atol=2e-4)
     np.testing.assert_allclose(rate.mean(axis=0), [0.01, 0.02, 0.03], atol=1.5e-5)
     for error, sigma in ((force - [0.2, -0.1, 0.3], 2e-3), (rate - [0.01, 0.02, 0.03], 1.5e-4)):
         chi = float((error**2).sum()) / sigma**2
         assert abs(chi - error.size) < 4.0 * np.sqrt(2.0 * error.size)
-    walk = np.diff([s.acceleration_bias for s in samples], axis=0)
+    walk = np.diff(np.array(biases)[:, :3], axis=0)
     assert walk.std() == pytest.approx(1e-5 * np.sqrt(0.016), rel=0.05)
     again = Imu(ImuNoise(), 0.016, _streams()).sample(np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, 0.03]))
-    assert again.acceleration.tobytes() == samples[0].acceleration.tobytes()
+    assert again[0].tobytes() == samples[0][0].tobytes()

@@ -12,9 +12,14 @@ from safe_inspect.dynamics.quaternion import exp, rotate
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.target.box import aligned_boxes, inertia_of_boxes, mesh_of_boxes
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget, envisat_boxes
-from safe_inspect.rendezvous.target.mesh import MeshTarget, covering_boxes, read_mesh
+from safe_inspect.rendezvous.target.boxes import (
+    EnvisatTarget,
+    _inertia_of_boxes,
+    _mesh_of_boxes,
+    aligned_boxes,
+    envisat_boxes,
+)
+from safe_inspect.rendezvous.target.mesh import MeshTarget, _covering_boxes, _read_mesh
 
 
 def test_envisat_has_the_published_principal_moments_and_tilt() -> None:
@@ -73,7 +78,7 @@ def test_an_impossible_inertia_is_refused(inertia: np.ndarray, words: str) -> No
 
 def test_faces_of_boxes_look_outwards_and_close_a_volume() -> None:
     boxes = envisat_boxes()
-    mesh = mesh_of_boxes(boxes)
+    mesh = _mesh_of_boxes(boxes)
     corners = mesh.corners
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     volume = np.einsum("fi,fi->", corners.mean(axis=1), normal) / 6.0
@@ -85,11 +90,11 @@ def test_inertia_of_boxes_agrees_with_the_meshes() -> None:
     boxes = aligned_boxes(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]), np.array([[1.0, 2.0, 0.5], [2.0, 0.3, 0.4]]))
     mesh = require("trimesh").Trimesh(*_arrays(boxes))
     volume = 8.0 * boxes.half_size.prod(axis=1).sum()
-    np.testing.assert_allclose(inertia_of_boxes(boxes, 7.0), mesh.moment_inertia * 7.0 / volume, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(_inertia_of_boxes(boxes, 7.0), mesh.moment_inertia * 7.0 / volume, rtol=1e-9, atol=1e-9)
 
 
 def _arrays(boxes):  # type: ignore[no-untyped-def]
-    mesh = mesh_of_boxes(boxes)
+    mesh = _mesh_of_boxes(boxes)
     return mesh.vertices, mesh.faces
 
 
@@ -109,7 +114,7 @@ def test_a_mesh_file_becomes_a_target_covered_by_boxes(tmp_path: Path) -> None:
 def test_boxes_hold_what_is_deep_inside_a_solid() -> None:
     trimesh = require("trimesh")
     solid = trimesh.creation.box((2.0, 2.0, 2.0))
-    dent = covering_boxes(solid, 8)
+    dent = _covering_boxes(solid, 8)
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
     assert dent.distance(points).max() < 1e-9
 
@@ -119,8 +124,8 @@ def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.stl")
     with pytest.raises(ConfigError, match=r"open.stl: the mesh is not a closed surface"):
-        read_mesh(tmp_path / "open.stl")
+        _read_mesh(tmp_path / "open.stl")
     with pytest.raises(ConfigError, match="cannot be read"):
-        read_mesh(tmp_path / "none.stl")
+        _read_mesh(tmp_path / "none.stl")
     with pytest.raises(ValidationError, match="no body has the principal moments"):
         MeshTarget(path="box.stl", inertia=np.diag([1.0, 1.0, 3.0]).tolist())

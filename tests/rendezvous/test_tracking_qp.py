@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
-from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.gains import TrackingWeights
-from safe_inspect.rendezvous.control.tracking_qp import AxisLimits, TrackingQP
+from safe_inspect.rendezvous.control.mpc import TrackingQP
+from safe_inspect.rendezvous.control.tightening import AxisLimits
+from safe_inspect.rendezvous.control.tube import Axis
 
 AXIS = Axis(9.583788668)
 LIMITS = AxisLimits(np.array([-0.06, -0.03]), np.array([0.1, 0.04]), -0.05, 0.08)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.planner.transport import Path, TargetMotion, to_inertial, to_target, torque_free
+from safe_inspect.rendezvous.planner.problem import Path, TargetMotion, to_inertial, to_target, torque_free
 
 INERTIA = np.array([0.1314, 0.9661, 1.0])
 STEP = 1e-3

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.control.axis import Axis
 from safe_inspect.rendezvous.control.gains import best_tube, candidate_gains, clearance_margin, lqr_gain, natural_gain
-from safe_inspect.rendezvous.control.tube import AxisBound, truth_tube
+from safe_inspect.rendezvous.control.tube import Axis, AxisBound, truth_tube
 
 AXIS = Axis(9.583788668)
 STEPS = 301

@@ -23,9 +23,8 @@ from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipp
 from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
-from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.experiment import RendezvousConfig, is_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.task_ids import ALL_TASKS, TEAM_TASKS
 
 #: The model of each kind of file with a schema.

@@ -11,10 +11,9 @@ from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.page import save_page
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
-from safe_inspect.figures.rendezvous.mission_figure import mission_figure
+from safe_inspect.figures.rendezvous.mission_figure import mission_figure, outcome_of
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_page
-from safe_inspect.figures.rendezvous.mission_panels import outcome_of
 from safe_inspect.rendezvous.missions.record import MissionRecord, read_mission
 
 #: Files in the folder of a mission, in addition to the resolved experiment.

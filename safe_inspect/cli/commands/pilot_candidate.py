@@ -19,7 +19,7 @@ from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.missions import Flights, LocalFlights, fly_missions, mission_task
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous, is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.missions.scenario import check_scenario
 
 #: Name of the source.
 _PILOT = "pilot"

@@ -13,18 +13,14 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.plugins.registry import registry
-from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
-from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
-from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.plugins import FrontEnd
-from safe_inspect.rendezvous.recording.estimation import Estimators, estimate_log
-from safe_inspect.rendezvous.recording.mating_point import in_principal_axes, mating_point_text, pick_point
+from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
+from safe_inspect.rendezvous.missions.scenario import check_scenario
+from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
+from safe_inspect.rendezvous.recording.estimation import estimate_log, in_principal_axes, mating_point_text, pick_point
 from safe_inspect.rendezvous.recording.plausibility import check_log
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.record import record_watch
 from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
-from safe_inspect.rendezvous.recording.target_file import read_target
-from safe_inspect.rendezvous.scenario import check_scenario
 
 FIGURE = "estimate.png"
 
@@ -102,8 +98,7 @@ def run_characterise(arguments: argparse.Namespace) -> int:
     with output_folder(arguments) as folder:
         bar.show(0, len(log))
         try:
-            estimators = Estimators(front_end, ISAM2BackEnd(), PolhodeCharacteriser())
-            estimate = estimate_log(log, estimators, target, bar.show)
+            estimate = estimate_log(log, PipelineEstimator(front_end=front_end), target, bar.show)
         finally:
             bar.close()
         if folder is not None:

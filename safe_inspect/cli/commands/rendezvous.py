@@ -12,12 +12,11 @@ import numpy as np
 from safe_inspect.cli.arguments import add_output_folder, natural
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.rendezvous.coordination.context import MissionContext
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.tables import mission_table
-from safe_inspect.rendezvous.scenario import check_scenario
+from safe_inspect.rendezvous.missions.scenario import check_scenario
+from safe_inspect.rendezvous.missions.summary import mission_table
 
 #: Mission time between two progress updates [s], on a terminal and elsewhere.
 _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0

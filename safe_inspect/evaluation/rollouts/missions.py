@@ -17,11 +17,10 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, join
 from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.plugins.functor import describe
-from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous
+from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig, build_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.tables import MISSION_FIGURES
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.scenario import mission_streams
+from safe_inspect.rendezvous.missions.scenario import mission_streams
+from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 
 #: Name of the agent.
 _CHASER = "chaser"

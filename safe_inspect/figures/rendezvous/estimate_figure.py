@@ -11,8 +11,7 @@ from safe_inspect.figures.drawing import SEQUENTIAL, style
 from safe_inspect.figures.rendezvous.polhode import POLHODE_VIEW, draw_polhode
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
-from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.poses import inverse, move
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
 from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
 from safe_inspect.rendezvous.recording.reader import SensorLog

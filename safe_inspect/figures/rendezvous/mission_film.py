@@ -9,18 +9,18 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.figures.drawing import style
 from safe_inspect.figures.pictures import Pictures
-from safe_inspect.figures.rendezvous.mission_panels import LEAD
+from safe_inspect.figures.rendezvous.mission_figure import LEAD
 from safe_inspect.figures.rendezvous.mission_scene import (
     FLIGHT,
     PHASE_COLOURS,
     SceneArtists,
+    best_view,
     ribbon,
     show_extent,
     target_solid,
 )
-from safe_inspect.figures.rendezvous.solid import best_view
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray, BoolArray, FloatArray

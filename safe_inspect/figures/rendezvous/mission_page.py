@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.figures.page import chart, page_of, rounded
-from safe_inspect.figures.rendezvous.mission_panels import AXIS_COLOURS, outcome_of, tracking_error
+from safe_inspect.figures.rendezvous.mission_figure import AXIS_COLOURS, outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
     FLIGHT,
@@ -16,11 +16,12 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PHASE_COLOURS,
     PLANNED,
     TUBE,
+    Solid,
+    best_view,
     camera_cone,
     chaser_solid,
     target_solid,
 )
-from safe_inspect.figures.rendezvous.solid import Solid, best_view
 from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.rendezvous.missions.summary import nominal_path

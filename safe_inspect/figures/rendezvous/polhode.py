@@ -39,13 +39,13 @@ def draw_polhode(axes: Any, rate: FloatArray, moments: FloatArray) -> None:
         outline = (np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b) * scale
         axes.fill(*view.flat(outline).T, facecolor="#F6F6F6", edgecolor=GREY, linewidth=0.6, zorder=1)
         for curve in _polhodes(moments, energy):
-            draw_front(axes, curve, view, moments, color=_CURVE_INK, linewidth=0.7, zorder=2)
+            _draw_front(axes, curve, view, moments, color=_CURVE_INK, linewidth=0.7, zorder=2)
         for k, name in enumerate("123"):
             tip = np.zeros(3)
             tip[k] = 1.12 * scale[k]
             axes.plot(*view.flat(np.stack((np.zeros(3), tip))).T, color=GREY, linewidth=0.6, linestyle=":", zorder=3)
             axes.text(*view.flat(1.1 * tip), name, color=GREY, fontsize=8, ha="center", va="center")
-    draw_front(axes, rate, view, moments, color=FLIGHT, linewidth=1.8, zorder=4)
+    _draw_front(axes, rate, view, moments, color=FLIGHT, linewidth=1.8, zorder=4)
     axes.plot(*view.flat(rate[:1]).T, "o", markersize=5, color="white", markeredgecolor=FLIGHT, zorder=5)
     axes.plot(*view.flat(rate[-1:]).T, "s", markersize=5, color=FLIGHT, markeredgecolor=FLIGHT, zorder=5)
     axes.margins(0.06)
@@ -74,7 +74,7 @@ def _polhodes(moments: FloatArray, energy: float) -> list[FloatArray]:
     return curves
 
 
-def draw_front(axes: Any, curve: FloatArray, view: Camera, moments: FloatArray, **look: Any) -> None:
+def _draw_front(axes: Any, curve: FloatArray, view: Camera, moments: FloatArray, **look: Any) -> None:
     """Draw a curve on the ellipsoid; the part on its far side is thin and dotted."""
     front = (curve * moments) @ view.sight >= 0.0
     flat = view.flat(curve)

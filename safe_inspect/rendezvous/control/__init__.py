@@ -1,1 +1,1 @@
-"""Track a plan: tubes, gains, model predictive control and attitude control."""
+"""Track a plan: bounds of the reference's error, tubes, gains, model predictive control and attitude control."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from safe_inspect.rendezvous.bound.conformal import Bound
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.gains import (
     FREQUENCIES,
     best_tube,
@@ -17,7 +15,7 @@ from safe_inspect.rendezvous.control.gains import (
     stiffening_gains,
 )
 from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tube import AxisBound, Tube, no_tube, truth_tube
+from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, no_tube, truth_tube
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
 
@@ -87,7 +85,7 @@ class TubeDesign:
         return np.asarray(np.maximum(self.margin[low], self.margin[high]))
 
 
-def axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
+def _axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
     """Return the disturbance of an axis: the bound of the reference and the force that is not commanded."""
     options = options or DesignOptions()
     process = np.abs(axis.B) * options.process_force + _PROCESS
@@ -112,29 +110,13 @@ def design_tube(
         axis: Dynamics of each axis.
         limits: Limits that tracking must respect.
         options: Options of the design.
-
-    Raises:
-        ValueError: The samples of plan and bound differ in number, or are not spaced by the control period.
     """
     limits, options = limits or TrackingLimits(), options or DesignOptions()
-    if len(plan.times) < 2 or plan.times.shape != bound.times.shape:
-        raise ValueError(
-            f"tube: the plan has {len(plan.times)} samples but its bound has {len(bound.times)}; both need the same, "
-            "at least two"
-        )
-    if not np.allclose(np.diff(plan.times), axis.step, rtol=1e-6):
-        raise ValueError(f"tube: the plan must be sampled every {axis.step:g} s, the control period")
-    disturbance = axis_bound(axis, bound, options)
+    disturbance = _axis_bound(axis, bound, options)
     reference = TrackedReference(plan.position, plan.velocity, plan.tide)
     planned = np.abs(reference.feed_forward(axis)).max(axis=1)
-    tube, reserve = best_tube(
-        axis,
-        disturbance,
-        limits.force - planned - bound.force,
-        options.gains or candidate_gains(axis, options.frequencies),
-        options.reserve,
-        stiffen=options.gains is None,
-    )
+    available = limits.force - planned - bound.force
+    tube, reserve = best_tube(axis, disturbance, available, options.gains, options.reserve, options.frequencies)
     room = TightenedLimits(axis, reference, tube, limits).reserve()[:, :2]
     refusal = _refusal(plan, tube, reserve, room)
     return TubeDesign(axis, limits, tube, plan.times, reserve, room, clearance_margin(tube, options.length), refusal)
@@ -143,23 +125,21 @@ def design_tube(
 def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> str:
     """Return why the plan cannot be tracked; empty if it can."""
     worst = int(reserve.argmin())
-    lacking: Iterable[str] = ()
     if reserve[worst] < 0.0:
-        lacking = (
-            f"feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
+        return (
+            f"tube: feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
             f"{-reserve[worst]:.3f} N more than the plan leaves: update more often (T_u), allow softer gains (K), "
-            "estimate better (Sigma), or plan a longer approach",
+            "estimate better (Sigma), or plan a longer approach"
         )
-    elif room[:, 0].min() < 0.0:
-        lacking = (
-            f"the tube leaves the keep-in box by {-room[:, 0].min():.3f} m: plan in a box that is smaller by this",
+    inside, slower = -room.min(axis=0)
+    if inside > 0.0:
+        return f"tube: the tube leaves the keep-in box by {inside:.3f} m: plan in a box that is smaller by this"
+    if slower > 0.0:
+        return (
+            f"tube: the tube exceeds the speed limit by {slower:.3f} m/s: plan with a lower speed, or allow tracking a "
+            "higher one"
         )
-    elif room[:, 1].min() < 0.0:
-        lacking = (
-            f"the tube exceeds the speed limit by {-room[:, 1].min():.3f} m/s: plan with a lower speed, or allow "
-            "tracking a higher one",
-        )
-    return "".join(f"tube: {item}" for item in lacking)
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +191,7 @@ def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] =
     first = design_tube(plan, request.bound, axis, request.limits, options)
     if not first.accepted or (first.margin <= request.clearance).all():
         return first
-    disturbance = axis_bound(axis, request.bound, options)
+    disturbance = _axis_bound(axis, request.bound, options)
     available = first.force_reserve + first.tube.force
 
     def spare(tube: Tube) -> float:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.dynamics.cwh import regulator_gain
-from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.tube import AxisBound, Tube, truth_tube
+from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, truth_tube
 from safe_inspect.types import FloatArray
 
 # Clearance beyond the tube, as a fraction of the scenario's length: half for the certificate between samples, half for
@@ -17,6 +16,8 @@ from safe_inspect.types import FloatArray
 RESERVE_CLEARANCE = 0.02
 #: Natural frequencies that are tried by default [rad/s].
 FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
+#: Damping ratios that are tried with each of them.
+_DAMPINGS = (0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True)
@@ -76,16 +77,9 @@ def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:
     return np.asarray(np.sqrt(3.0) * tube.clearance + RESERVE_CLEARANCE * length)
 
 
-def candidate_gains(
-    axis: Axis,
-    frequencies: Iterable[float] = FREQUENCIES,
-    dampings: Iterable[float] = (0.7, 0.8, 0.9),
-) -> Iterator[FloatArray]:
-    """Yield the gains of natural frequencies [rad/s] and dampings, shape (2,)."""
-    dampings = tuple(dampings)
-    for frequency in frequencies:
-        for damping in dampings:
-            yield natural_gain(axis, frequency, damping)
+def candidate_gains(axis: Axis, frequencies: Iterable[float] = FREQUENCIES) -> list[FloatArray]:
+    """Return the gains of natural frequencies [rad/s] and of three dampings, shape (2,) each."""
+    return [natural_gain(axis, frequency, damping) for frequency in frequencies for damping in _DAMPINGS]
 
 
 def stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
@@ -112,7 +106,7 @@ def best_tube(
     available: FloatArray,
     gains: Iterable[FloatArray] | None = None,
     wanted: float = 0.0,
-    stiffen: bool | None = None,
+    frequencies: Iterable[float] = FREQUENCIES,
 ) -> tuple[Tube, FloatArray]:
     """Return the narrowest tube whose feedback leaves at least `wanted` of the available force.
 
@@ -124,9 +118,9 @@ def best_tube(
         axis: The axis.
         bound: Disturbance of the axis.
         available: Force available for feedback at each step, ``F_max - |F_plan|`` of the worst axis [N], shape (K,).
-        gains: Gains to try, shape (2,) or (K, 2); by default `candidate_gains`.
+        gains: Gains to try, shape (2,) or (K, 2); by default `candidate_gains`, and the `stiffening_gains` of the best.
         wanted: Force that must remain at all times [N].
-        stiffen: Whether to try the `stiffening_gains` of the best gain too; by default only if `gains` is None.
+        frequencies: Natural frequencies of the default gains [rad/s].
 
     Returns:
         The tube, and the force that remains for the nominal feedback v at each step [N], shape (K,).
@@ -137,9 +131,8 @@ def best_tube(
         enough = least >= wanted
         return not enough, float(tube.clearance.max() + tube.clearance[-1]) if enough else -least
 
-    best = min((truth_tube(axis, gain, bound) for gain in gains or candidate_gains(axis)), key=rank)
-    stiffen = gains is None if stiffen is None else stiffen
-    if stiffen and not rank(best)[0]:
+    best = min((truth_tube(axis, gain, bound) for gain in gains or candidate_gains(axis, frequencies)), key=rank)
+    if gains is None and not rank(best)[0]:
         stiffer = (truth_tube(axis, gain, bound) for gain in stiffening_gains(axis, best.gain, len(bound.position)))
         best = min((best, *stiffer), key=rank)
     return best, available - best.force

@@ -7,12 +7,61 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.rendezvous.control.axis import Axis
-from safe_inspect.rendezvous.control.tracking_qp import AxisLimits
-from safe_inspect.rendezvous.control.tube import Tube
+from safe_inspect.rendezvous.control.tube import Axis, Tube
 from safe_inspect.types import FloatArray
 
-_UNLIMITED = 1e31  # the solver treats 1e30 and more as infinite
+UNLIMITED = 1e31  # the solver treats 1e30 and more as infinite
+# Tolerance of a solution, in m, m/s and N.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingSolution:
+    """Solution of a `TrackingQP`.
+
+    Attributes:
+        states: Nominal errors z_0 .. z_N, shape (N+1, 2).
+        forces: Nominal forces v_0 .. v_{N-1} [N], shape (N,).
+        steady: Position error of the artificial steady state [m].
+    """
+
+    states: FloatArray
+    forces: FloatArray
+    steady: float
+
+
+@dataclass(frozen=True, eq=False)
+class AxisLimits:
+    """Admissible nominal errors z and forces v of one axis.
+
+    Attributes:
+        lower: Lower limits of position error [m] and velocity error [m/s], shape (2,).
+        upper: Upper limits of them, shape (2,).
+        least_force: Lower limit of the nominal force v [N].
+        largest_force: Upper limit of the nominal force v [N].
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    least_force: float
+    largest_force: float
+
+    def holding(self, solution: TrackingSolution, jump: float) -> AxisLimits:
+        """Return limits that also admit the rest of a solution: its states from z_2 on and its forces from v_1 on.
+
+        Args:
+            solution: The solution.
+            jump: Largest change of a position limit [m]; if a larger change is needed, the limits are not changed.
+        """
+        states, forces = solution.states[2:], solution.forces[1:]
+        if not len(states):
+            return self
+        lower = np.minimum(self.lower, states.min(axis=0) - _ROUNDING)
+        upper = np.maximum(self.upper, states.max(axis=0) + _ROUNDING)
+        if max(self.lower[0] - lower[0], upper[0] - self.upper[0]) > jump + _ROUNDING:
+            return self
+        least = min(self.least_force, float(forces.min(initial=0.0)) - _ROUNDING)
+        return AxisLimits(lower, upper, least, max(self.largest_force, float(forces.max(initial=0.0)) + _ROUNDING))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +113,7 @@ class TightenedLimits:
         """Intersect the limits, from the end of the reference to its start."""
         self.feed_forward = reference.feed_forward(axis)
         steps = np.minimum(np.arange(len(reference.position)), len(tube.position) - 1)
-        unlimited = np.full(3, _UNLIMITED)
+        unlimited = np.full(3, UNLIMITED)
         box = unlimited if limits.keep_in is None else np.asarray(limits.keep_in, dtype=float)
         half = np.stack((box, np.full(3, limits.speed), np.full(3, limits.force)), axis=1)
         centre = np.stack((reference.position, reference.velocity, self.feed_forward), axis=2)

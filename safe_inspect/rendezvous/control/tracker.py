@@ -1,4 +1,4 @@
-"""Trackers of a reference: the plugin kind, and what a tracker returns at each control step."""
+"""Trackers of a reference: the plugin kind, and a linear-quadratic regulator with clipped force."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+import numpy as np
+
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
+from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
 from safe_inspect.rendezvous.control.tightening import TrackedReference
+from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.types import FloatArray
 
 
@@ -63,3 +67,38 @@ class Tracker(Plugin):
     @abstractmethod
     def __call__(self, design: TubeDesign) -> TrackerRun:
         """Return the tracker for one approach."""
+
+
+class LQRTracker(Tracker):
+    """Linear-quadratic regulator about the reference, with clipped force and without a tube."""
+
+    def design(self, request: DesignRequest) -> TubeDesign:
+        """Return a design whose tube has zero width."""
+        return design_without_tube(request)
+
+    def __call__(self, design: TubeDesign) -> LQRTrackerRun:
+        """Return the tracker for one approach."""
+        return LQRTrackerRun(design.axis, design.limits.force)
+
+
+class LQRTrackerRun:
+    """Linear-quadratic regulator of one approach: ``u = u_r + K (x_hat - r_hat)``, clipped."""
+
+    def __init__(self, axis: Axis, force: float = 0.30) -> None:
+        """Compute the gain.
+
+        Args:
+            axis: Dynamics of each axis.
+            force: Maximum force along each axis [N].
+        """
+        self.axis, self.force = axis, force
+        self.gain = lqr_gain(axis, TrackingWeights.of_force(force))
+
+    def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
+        """Return the force at step k of the reference, for an estimate (position, velocity) in W, shape (6,)."""
+        error = np.asarray(estimate).reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
+        tide = None if reference.tide is None else reference.tide[k : k + 2]
+        two = TrackedReference(reference.position[k : k + 2], reference.velocity[k : k + 2], tide)
+        demand = two.feed_forward(self.axis)[0] + error @ self.gain
+        force = np.clip(demand, -self.force, self.force)
+        return TrackerOutput(force, error, np.zeros(3), (AxisStatus.SOLVED,) * 3)

@@ -1,1 +1,1 @@
-"""The coordinator of a mission with its table, guards and actions, and the escape from the target."""
+"""The pilot of a mission: the coordinator with its table, guards and actions, and the escape from the target."""

@@ -7,24 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from safe_inspect.dynamics.tide import largest_tide
-from safe_inspect.rendezvous.bound.conformal import Bound
-from safe_inspect.rendezvous.bound.query import BoundQuery, Updates
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
-from safe_inspect.rendezvous.control.monitor import reference_problem
-from safe_inspect.rendezvous.control.tightening import TrackedReference
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext
-from safe_inspect.rendezvous.coordination.coordinator import Phase
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
-from safe_inspect.rendezvous.coordination.departure import departure_velocity
-from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear
+from safe_inspect.rendezvous.coordination.escape import departure_velocity, find_escape, remains_clear
 from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
-from safe_inspect.rendezvous.coordination.reference import reference_of
-from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.checks import plan_mistake
+from safe_inspect.rendezvous.coordination.reference import new_reference, reference_bound
+from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 
-#: Rounding error of references [m, m/s].
-_ROUNDING = 1e-6
 #: Shortest duration of a plan for the rest of an approach [s].
 _SHORTEST = 30.0
 
@@ -168,7 +159,7 @@ def make_tube(context: MissionContext) -> None:
         gain=context.demands.gain,
     )
     design = config.tracker.design(request)
-    if design.accepted and not is_certified(context, plan, design):
+    if design.accepted and not _is_certified(context, plan, design):
         design = replace(design, refusal="the plan does not keep the tube's clearance")
     if design.accepted and mission.mean_motion and np.sqrt(3.0) * design.tube.position.max() > 0.9 * mission.length:
         design = replace(design, refusal="tube: it is as wide as the scenario, so that the tide in it is not bounded")
@@ -188,15 +179,6 @@ def make_tube(context: MissionContext) -> None:
     )
 
 
-def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
-    """Return the bound of the error of a plan's reference, with or without updates during the approach."""
-    estimate, config = context.estimate, context.config
-    updates = Updates(config.mission.update_period, 0.0, estimate.correlation) if updated else None
-    query = BoundQuery(plan, estimate.inertia, estimate.errors, updates, config.chaser.mass)
-    bound: Bound = config.bound(query, context.streams)
-    return bound
-
-
 def start_approach(context: MissionContext) -> None:
     """Start to follow the plan."""
     plan, design = context.plan, context.design
@@ -210,40 +192,6 @@ def start_approach(context: MissionContext) -> None:
     context.unrenewed = reference_bound(context, plan, updated=False)
     context.reference_problem, context.has_left_bound = "", False
     renew_escape(context)
-
-
-def new_reference(context: MissionContext) -> TrackedReference:
-    """Return the reference of the plan, computed with the newest estimate."""
-    mission, plan = context.config.mission, context.plan
-    assert plan is not None, "a reference must only be followed with a plan"
-    tail = round(mission.hold_limit / mission.step) + 1
-    return reference_of(plan, context.estimate, context.target.mating_point, tail, mission.step, mission.mean_motion)
-
-
-def renew_reference(context: MissionContext) -> None:
-    """Update the reference with the newest estimate, and check it.
-
-    A reference outside of the limits leads to a new plan. A reference outside of the bound without updates is only
-    logged, because the path keeps its clearance in the target's frame, where an update does not change it.
-    """
-    following, plan, design, bound = context.following, context.plan, context.design, context.unrenewed
-    assert following is not None, "the reference can only be updated during an approach"
-    following.reference = reference = new_reference(context)
-    if context.phase is not Phase.TRACK or plan is None or design is None or bound is None:
-        return
-    k = context.step - following.first_step
-    # The origin of the plan is the target's centre of mass.
-    reference = replace(reference, position=reference.position - context.estimate.target.position)
-    rounded = replace(bound, position=bound.position + _ROUNDING, velocity=bound.velocity + _ROUNDING)
-    problem = reference_problem(design, plan, rounded, reference, k)
-    if problem:
-        if not context.has_left_bound:
-            context.report("reference", {"problem": problem})
-        context.has_left_bound = True
-        wide = replace(
-            bound, position=np.full_like(bound.position, np.inf), velocity=np.full_like(bound.velocity, np.inf)
-        )
-        context.reference_problem = reference_problem(design, plan, wide, reference, k)
 
 
 def renew_escape(context: MissionContext) -> None:
@@ -297,7 +245,7 @@ def depart(context: MissionContext) -> None:
     context.report("departure", {"position": away.tolist(), "velocity": velocity.tolist()})
 
 
-def is_certified(context: MissionContext, plan: Plan, design: TubeDesign) -> bool:
+def _is_certified(context: MissionContext, plan: Plan, design: TubeDesign) -> bool:
     """Return whether a plan keeps the clearance of its tube at all times, including those between its samples."""
     assert context.query is not None, "a plan that was found must have a query"
     assert plan.path is not None, "a plan that was found must have a path"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,22 +12,38 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import Bound, ConformalBound
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound, ConformalBound
 from safe_inspect.rendezvous.control.design import TubeDesign
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import Tracker, TrackerRun
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
-from safe_inspect.rendezvous.coordination.departure import CommandedMotion
-from safe_inspect.rendezvous.coordination.escape import Escape
+from safe_inspect.rendezvous.coordination.escape import CommandedMotion, Escape
 from safe_inspect.rendezvous.estimate import StateEstimate
-from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig, RendezvousConfig
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.planner.approach import ApproachPlanner
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
 from safe_inspect.rendezvous.readings import Readings
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
+
+
+class Phase(enum.Enum):
+    """The state of a mission."""
+
+    CHECKOUT = "CHECKOUT"
+    OBSERVE = "OBSERVE"
+    CHARACTERISE = "CHARACTERISE"
+    PLAN = "PLAN"
+    BOUND = "BOUND"
+    WAIT = "WAIT"
+    TRACK = "TRACK"
+    MP_HOLD = "MP_HOLD"
+    RETREAT = "RETREAT"
+    DONE = "DONE"
+    ABORTED = "ABORTED"
+    DEPART = "DEPART"
 
 
 class PilotConfig(NamedTuple):

@@ -30,7 +30,7 @@ _DRIFT = 0.02
 _LEAST_SHARE = 0.3
 
 
-def first_margin(times: FloatArray, length: float = 1.0) -> FloatArray:
+def _first_margin(times: FloatArray, length: float = 1.0) -> FloatArray:
     """Return the margin that holds before a tube is known [m], shape (K,)."""
     return np.full(times.shape, FIRST_MARGIN * length)
 
@@ -51,7 +51,7 @@ class PlanDemands:
         length: Length of the scenario [m].
     """
 
-    margin: Callable[[FloatArray], FloatArray] = first_margin
+    margin: Callable[[FloatArray], FloatArray] = _first_margin
     gain: FloatArray | None = None
     growth: float = 0.0
     keep_in: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
@@ -62,7 +62,7 @@ class PlanDemands:
     @classmethod
     def first(cls, length: float) -> PlanDemands:
         """Return the requirements before a tube is known, in a scenario of a given length [m]."""
-        return cls(margin=lambda times: first_margin(times, length), length=length)
+        return cls(margin=lambda times: _first_margin(times, length), length=length)
 
     def limits(self, limits: Limits, position: FloatArray) -> Limits:
         """Return the limits for a plan; the box always contains the position [m], shape (3,), from which it starts."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.rendezvous.coordination.context import MissionContext
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
 from safe_inspect.rendezvous.coordination.escape import safe_radius
 
 #: Nominal error of the tracker above which an approach is planned again, as a fraction of the scenario's length; the

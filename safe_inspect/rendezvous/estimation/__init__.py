@@ -1,1 +1,1 @@
-"""Estimation pipeline of a mission: sensors, front end, back end and characterisation in the loop."""
+"""Estimation of chaser and target: a factor graph of poses and inertial samples, and the estimators of a mission."""

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multiply, rotate, to_matrix
-from safe_inspect.rendezvous.back_end.graph import PoseGraph
-from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
-from safe_inspect.rendezvous.edges import MODEL, Edge
-from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
-from safe_inspect.rendezvous.estimation.change import OFF_FRAMES, departs, motion_of
-from safe_inspect.rendezvous.estimation.innovation import centre_innovation
-from safe_inspect.rendezvous.estimation.response import ExpectedMotion
-from safe_inspect.rendezvous.front_end.context import FrontEndRun
+from safe_inspect.dynamics.quaternion import conjugate, from_matrix, multiply, rotate, to_matrix
+from safe_inspect.rendezvous.estimation.change import (
+    OFF_FRAMES,
+    QUICK_SPAN,
+    BiasJumps,
+    ExpectedMotion,
+    centre_innovation,
+    departs,
+    motion_of,
+    newest_motion,
+)
+from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.factors import ImuBuffer
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.front_end.base import FrontEndRun
+from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -29,9 +36,6 @@ _FIT_PERIOD = 5.0
 #: Number of the newest frames that are compared with the known motion, and the misfit of the newest edges, in standard
 #: deviations, that indicates a change as well.
 _CHANGED_FRAMES, _CHANGED_MISFIT = 5, 3.0
-#: Standard deviations of a motion that is found from a few frames only [rad, rad/s], and the time span of these
-#: frames [s].
-_QUICK_SIGMA, _QUICK_SPAN = (0.05, 0.02), 3.0
 #: Innovation of the centre of mass in B beyond which a frame is refused, in standard deviations; how many frames in a
 #: row may be refused before a jump of the accelerometers' bias is assumed; for how many frames the jump may last.
 _JUMP, _MOST_REFUSED, _JUMP_FRAMES = 5.0, 1, 3
@@ -41,8 +45,6 @@ _COMPARED = 5
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which the motion is searched again, in standard deviations.
 _DOUBTFUL = 1.8
-#: Standard deviation of the centre's prior as a fraction of the radius that the target sweeps.
-_CENTRE_SHARE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +53,21 @@ class PipelineParts:
 
     Attributes:
         front_end: The front end of the mission.
-        back_end: Function that returns the back end, given the chaser's start and the prior of the centre.
+        back_end: Options of the back end.
         characterise: Finds the motion.
         target: The target, None if it is not known.
         T_BC: Pose of the camera in B, shape (4, 4).
         imu: Errors of the inertial unit.
+        imu_period: Time between two of its samples [s].
     """
 
     front_end: FrontEndRun
-    back_end: Callable[[ChaserStart, CentrePrior], PoseGraph]
+    back_end: ISAM2BackEnd
     characterise: PolhodeCharacteriser
     target: Target | None
     T_BC: FloatArray
     imu: ImuNoise
+    imu_period: float
 
 
 def _is_consistent(found: TargetEstimate | None) -> bool:
@@ -127,17 +131,19 @@ class EstimationPipeline:
     def see(self, frame: DepthFrame) -> None:
         """Add a frame at the time of the last sample."""
         number, self._count = self._count, self._count + 1
+        self._times[number] = frame.time
         if self._back_end is None:
-            self._back_end = self._parts.back_end(self._start, self._centre_prior(frame))
-            edges = self._parts.front_end.step(frame, None, np.eye(3))
-            self._times[number] = frame.time
-            self._edges += edges
+            parts = self._parts
+            imu = ImuBuffer(parts.imu, parts.imu_period)
+            radius = None if parts.target is None else parts.target.swept_radius
+            centre = CentrePrior.seen(frame.points, self._start, parts.T_BC, radius)
+            self._back_end = parts.back_end(imu, self._start, centre)
+            self._edges += parts.front_end.step(frame, None, np.eye(3))
             return
         back_end = self._back_end
         edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.imu.rotation)
         expected, _, _ = back_end.now()
         measured, edges = edges, self._trusted(expected, edges)
-        self._times[number] = frame.time
         self._edges += edges
         back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES)
         self._has_coasted = False
@@ -200,7 +206,7 @@ class EstimationPipeline:
         elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
             self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)
         elif known is not None and found.recent_misfit > _CHANGED_MISFIT:
-            self._forget_before(time - _QUICK_SPAN, time)
+            self._forget_before(time - QUICK_SPAN, time)
         else:
             self.target = found
 
@@ -235,22 +241,9 @@ class EstimationPipeline:
         self._follow_newest(time)
 
     def _follow_newest(self, time: float) -> None:
-        """Use the motion of the newest frames; the axes in the body are known and do not change."""
-        known, history = self.target, self.history()
-        times, q_WG = history.in_inertial  # noqa: N806
-        if known is None or len(times) < 2:
-            return
-        first = max(int(np.searchsorted(times, times[-1] - _QUICK_SPAN - 1e-9)), 0)
-        first = min(first, len(times) - 2)
-        turn = log(multiply(conjugate(q_WG[first]), q_WG[-1])) / (times[-1] - times[first])
-        sigmas = np.repeat([*_QUICK_SIGMA, np.sqrt(known.covariance[6, 6] + known.covariance[7, 7])], [3, 3, 2])
-        self.target = replace(
-            known,
-            time=time,
-            orientation=multiply(q_WG[-1], known.q_GT),
-            angular_velocity=rotate(conjugate(known.q_GT), turn),
-            covariance=np.diag(sigmas**2),
-        )
+        """Use the motion of the newest frames."""
+        if self.target is not None:
+            self.target = newest_motion(self.target, self.history(), time)
 
     def _trusted(self, expected: FloatArray, edges: list[Edge]) -> list[Edge]:
         """Return the edges that may be used, and record a jump of the bias.
@@ -306,15 +299,3 @@ class EstimationPipeline:
         seen = pose[:3, :3].T @ (graph.centre - pose[:3, 3])
         relative[:3, 3] = graph.centre_glued - relative[:3, :3] @ seen
         return relative
-
-    def _centre_prior(self, frame: DepthFrame) -> CentrePrior:
-        """Return the prior of the centre of mass: about the mean of the seen points, or in front of the camera."""
-        pose, T_BC = self._start.pose, self._parts.T_BC  # noqa: N806
-        target = self._parts.target
-        radius = 1.0 if target is None else target.swept_radius
-        if len(frame.points):
-            seen, sigma = frame.points.mean(axis=0), _CENTRE_SHARE * radius
-        else:
-            seen, sigma = np.array([0.0, 0.0, max(1.3 * radius, 0.5)]), 0.6 * radius
-        in_body = T_BC[:3, :3] @ seen + T_BC[:3, 3]
-        return CentrePrior(pose[:3, :3] @ in_body + pose[:3, 3], sigma)

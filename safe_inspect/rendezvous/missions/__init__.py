@@ -1,1 +1,1 @@
-"""Missions: running one, its log, its summary and its files."""
+"""Missions: their truth and sensors, running one, its log, its summary and its files."""

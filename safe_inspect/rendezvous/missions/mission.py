@@ -10,19 +10,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from safe_inspect.rendezvous.control.attitude import CameraPointing
-from safe_inspect.rendezvous.coordination.context import MissionContext, PilotConfig, clearances
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig, clearances
+from safe_inspect.rendezvous.coordination.pilot import Pilot
 from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.estimation.consistency import normalised_error
-from safe_inspect.rendezvous.estimation.context import estimator_context
-from safe_inspect.rendezvous.missions.log import MissionLog
-from safe_inspect.rendezvous.missions.summary import summarise_mission
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.pilot import Pilot
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.missions.record import MissionLog
+from safe_inspect.rendezvous.missions.scenario import check_start, checked_target, mission_streams
+from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
+from safe_inspect.rendezvous.missions.summary import normalised_error, summarise_mission
+from safe_inspect.rendezvous.missions.truth import MissionTruth, TruthStep
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
-from safe_inspect.rendezvous.scenario import check_start, checked_target, mission_streams
-from safe_inspect.rendezvous.sensing import SensorSuite
-from safe_inspect.rendezvous.truth import MissionTruth, TruthStep
 
 #: Function called at every change of state with the time [s], the state before, the guard and the state after.
 _Progress = Callable[[float, Phase, str, Phase], None]

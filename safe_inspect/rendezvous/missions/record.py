@@ -1,4 +1,4 @@
-"""`read_mission`: read the files of a mission, for replays and figures."""
+"""The files of a mission: its log with a row for each control step, and `read_mission` for replays and figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import os
 import zipfile
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +14,13 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.log import ARRAYS, CONFIG, EVENTS, SUMMARY
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
+from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 
+EVENTS, ARRAYS, SUMMARY, CONFIG = "events.jsonl", "log.npz", "summary.json", "config.resolved.yml"
 #: The arrays that every log must have, with the shape of one control step.
 _STEP_SHAPES = {
     "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
@@ -28,6 +28,60 @@ _STEP_SHAPES = {
     "flown": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
 }  # fmt: skip
 _DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+@dataclass(eq=False)
+class MissionLog:
+    """The log of one mission, in memory.
+
+    Attributes:
+        events: What happened, in order: tick, t, state, event and data.
+        rows: The rows of each array, one for each control step, by name.
+        plans: The plans that the chaser has followed.
+    """
+
+    events: list[dict[str, Any]] = field(default_factory=list)
+    rows: dict[str, list[AnyArray]] = field(default_factory=dict)
+    plans: list[Plan] = field(default_factory=list)
+
+    def event(self, tick: int, time: float, state: str, name: str, data: dict[str, Any]) -> None:
+        """Add an event."""
+        self.events.append({"tick": tick, "t": round(time, 6), "state": state, "event": name, "data": data})
+
+    def add(self, **values: Any) -> None:
+        """Add the values of one control step, by name."""
+        for name, value in values.items():
+            self.rows.setdefault(name, []).append(np.array(value))
+
+    def arrays(self) -> dict[str, AnyArray]:
+        """Return the arrays by name; their first axis is the control steps."""
+        return {name: np.stack(rows) for name, rows in self.rows.items()}
+
+    def write(self, folder: Path, config: str, summary: dict[str, Any]) -> None:
+        """Write the files of a mission into an existing folder."""
+        (folder / CONFIG).write_text(config, encoding="utf-8")
+        lines = [json.dumps(json_value(event), allow_nan=False) for event in self.events]
+        (folder / EVENTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        np.savez_compressed(folder / ARRAYS, **self.arrays())  # type: ignore[arg-type]
+        for index, plan in enumerate(self.plans):
+            names = ("t_start", "times", "position", "velocity", "force", "position_target")
+            np.savez_compressed(folder / f"plan_{index}.npz", **{name: getattr(plan, name) for name in names})
+        (folder / SUMMARY).write_text(
+            json.dumps(json_value(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+
+def json_value(value: Any) -> Any:
+    """Return a value that JSON can store; numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {key: json_value(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [json_value(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
 
 
 class FlownPlan(NamedTuple):

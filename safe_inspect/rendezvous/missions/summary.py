@@ -1,22 +1,96 @@
-"""The summary of a mission's log: success, clearance, errors at the mating point, effort."""
+"""The summary of a mission's log: success, clearance, errors, effort; and a table of it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate
+from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate
 from safe_inspect.dynamics.tumble import classify
-from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.estimation.consistency import relative_error
-from safe_inspect.rendezvous.missions.log import MissionLog
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.estimate import BodyState, JointErrors, StateEstimate
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.missions.record import MissionLog
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 
+#: Label and unit of the metrics of a summary, by key, without delta-v [m/s], a metric of every episode.
+MISSION_FIGURES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "time": ("time", "s"),
+        "time_on_approach": ("time on the approach", "s"),
+        "tumble_rate": ("rate of the tumble at the start", "rad/s"),
+        "tumble_axis": ("axis of the tumble", "-"),
+        "least_clearance": ("least clearance", "m"),
+        "contact_speed": ("speed at contact", "m/s"),
+        "mating_position_error": ("position error at the mating point", "m"),
+        "mating_speed_error": ("velocity error at the mating point", "m/s"),
+        "attitude_error": ("error of the target's attitude", "rad"),
+        "nees": ("NEES of the target's attitude and rate", "-"),
+        "largest_force": ("largest force", "N"),
+        "largest_gauge": ("largest gauge of the tube", "-"),
+        "plans": ("plans", "-"),
+        "planning_time": ("planning time", "s"),
+        "worst_status": ("worst status of the tracker", "-"),
+        "escape_missing": ("steps without an escape", "-"),
+        "given_up": ("given up", "-"),
+        "keep_in_excursion": ("excursion from the keep-in box", "m"),
+        "final_speed": ("speed at the end", "m/s"),
+        "final_range": ("range at the end", "m"),
+        "final_range_rate": ("range rate at the end", "m/s"),
+    }
+)
 #: Half width of a tube below which its gauge consists of rounding errors [m].
 _LEAST_TUBE = 1e-9
+
+
+def attitude_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> FloatArray:
+    """Return the error of the target's attitude relative to the chaser, R_BT, as a tangent in T [rad], shape (3,).
+
+    A rotation of the estimated frame W cannot be measured and does not count: it moves chaser and target equally.
+
+    Args:
+        estimate: The estimate.
+        chaser: The chaser's true state.
+        target: The target's true state.
+    """
+    return _relative_error(
+        (estimate.chaser.orientation, estimate.target.orientation), (chaser.orientation, target.orientation)
+    )
+
+
+def _relative_error(estimated: tuple[FloatArray, FloatArray], true: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return the error of `attitude_error` from estimated and true quaternions q_WB and q_WT, shape (..., 4)."""
+    seen, real = (multiply(conjugate(chaser), target) for chaser, target in (estimated, true))
+    return log(multiply(conjugate(real), seen))
+
+
+def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
+    """Return the normalised squared error of attitude and angular velocity (NEES); NaN without a covariance.
+
+    It is 6 on average if the covariance is right; nothing is aligned to the truth. The error is the tangent of the
+    estimate: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
+    """
+    if not isinstance(estimate.errors, JointErrors):
+        return float("nan")
+    joint = estimate.errors.joint
+    turn = attitude_error(estimate, chaser, target)  # the estimate as seen from the truth: -a
+    rate = target.angular_velocity - rotate(exp(turn), estimate.target.angular_velocity)
+    error = np.concatenate([-turn, rate])
+    return float(error @ np.linalg.solve(joint[2:8, 2:8], error))
+
+
+def mission_table(summary: Mapping[str, Any]) -> str:
+    """Return the table of one mission: its result, why the last plan or tube was refused, and its metrics."""
+    detail = f" ({summary['detail']})" if summary.get("detail") else ""
+    lines = ["success" if summary["success"] else f"failed: {summary['cause']}{detail}"]
+    for key, (label, unit) in {**MISSION_FIGURES, "delta_v": ("delta-v", "m/s")}.items():
+        value = summary.get(key)
+        lines.append(f"  {label:<38}{'-' if value is None else f'{value:.3g} {unit}'.removesuffix(' -')}")
+    return "\n".join(lines)
 
 
 def summarise_mission(
@@ -133,7 +207,7 @@ def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
     if not known.any():
         return {"attitude_error": None, "nees": None}
     k = int(np.argmax(known))
-    error = relative_error(
+    error = _relative_error(
         (arrays["estimated_q"][k], arrays["estimated_target_q"][k]), (arrays["q"][k], arrays["target_q"][k])
     )
     nees = float(arrays["nees"][k])  # NaN if the estimator states no covariance

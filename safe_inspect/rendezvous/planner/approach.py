@@ -1,29 +1,152 @@
-"""The planner, which returns a certified plan for a query."""
+"""The planner, which returns a certified plan for a query: units, ranking of waits, and optimisation."""
 
 from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.checks import start_problem
-from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, sampled_plan
-from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanReport, PlanStatus
+from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
+from safe_inspect.rendezvous.planner.paths import SplinePath, spline_basis
+from safe_inspect.rendezvous.planner.problem import ApproachProblem, approach_problem, approach_problems, sampled_plan
+from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
 from safe_inspect.rendezvous.planner.scp import optimise_scp
-from safe_inspect.rendezvous.planner.spline import SplinePath
-from safe_inspect.rendezvous.planner.units import PlanUnits
-from safe_inspect.rendezvous.planner.waiting import ranked_problems
 from safe_inspect.types import FloatArray
 
+_ROOM = Limits()
+_PRICE = 0.05  # N^2 per metre of penetration
 _TRIED = 3  # Number of ranked waits and durations to optimise.
 #: Sideways bend of the starts that are tried if the cheapest spline does not lead to a plan [m].
 _BEND = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _PlanUnits:
+    """Units that scale an approach of any size to that of Astrobee, for which the optimiser is tuned.
+
+    The unit of length is the length of the scenario. The unit of mass is such that the chaser has the mass of Astrobee,
+    and the unit of time such that its largest planned acceleration is that of Astrobee. The trust region, weights and
+    steps of the optimiser then apply.
+
+    Attributes:
+        original: The query.
+        query: The query in these units, with a length of 1.
+        length: The unit of length [m].
+        mass: The unit of mass [kg].
+        time: The unit of time [s].
+    """
+
+    original: PlanQuery
+    query: PlanQuery
+    length: float
+    mass: float
+    time: float
+
+    @classmethod
+    def of(cls, query: PlanQuery) -> _PlanUnits:
+        """Return the units for a query."""
+        limits, length = query.limits, query.length
+        mass = limits.mass / _ROOM.mass
+        time = float(np.sqrt(length * (_ROOM.planned_force / _ROOM.mass) / (limits.planned_force / limits.mass)))
+        force = mass * length / time**2
+        boxes, margin = query.boxes, query.margin
+        scaled = replace(
+            query,
+            t0=query.t0 / time,
+            state=query.state / np.repeat((length, length / time), 3),
+            angular_velocity=query.angular_velocity * time,
+            mating_point=query.mating_point / length,
+            boxes=OrientedBoxes(boxes.centre / length, boxes.half_size / length, boxes.rotation),
+            limits=replace(
+                limits,
+                speed=limits.speed * time / length,
+                planned_force=limits.planned_force / force,
+                force=limits.force / force,
+                keep_in=None if limits.keep_in is None else limits.keep_in / length,
+                radius=limits.radius / length,
+                line_of_sight_rate=limits.line_of_sight_rate * time,
+                mass=limits.mass / mass,
+                cone_range=limits.cone_range / length,
+                least_range=limits.least_range / length,
+            ),
+            margin=lambda times: margin(time * times) / length,
+            durations=tuple(duration / time for duration in query.durations),
+            waits=tuple(wait / time for wait in query.waits),
+            mean_motion=query.mean_motion * time,
+            length=1.0,
+            step=query.step / time,
+        )
+        return cls(query, scaled, length, mass, time)
+
+    def restored(self, plan: Plan, seconds: float) -> Plan:
+        """Return a plan in these units converted to metres, kilograms and seconds.
+
+        Args:
+            plan: The plan in these units.
+            seconds: Computing time [s].
+        """
+        wait = _nearest(self.original.waits, self.time * (plan.t_start - self.query.t0))
+        duration = _nearest(self.original.durations, self.time * plan.duration)
+        message = plan.report.message and f"{plan.report.message} (in units of {self.length:g} m and {self.time:.3g} s)"
+        report = replace(
+            plan.report,
+            message=message,
+            cost=plan.report.cost * (self.mass * self.length / self.time**2) ** 2 * self.time,
+            violation=plan.report.violation * self.length,
+            clearance=plan.report.clearance * self.length,
+            seconds=seconds,
+        )
+        if not isinstance(plan.path, SplinePath):
+            return Plan(plan.status, self.original.t0 + wait, duration, report=report)
+        points = plan.path.points * self.length
+        path = SplinePath(spline_basis(len(points), len(plan.times), float(duration)), points)
+        return sampled_plan(self.original, path, wait, report)
+
+
+def _nearest(values: tuple[float, ...], wanted: float) -> float:
+    """Return the nearest value if it differs only by the rounding errors of a change of units, else `wanted`."""
+    found = min(values, key=lambda value: abs(value - wanted))
+    return found if abs(found - wanted) < 1e-6 * max(1.0, wanted) else wanted
+
+
+def _ranked_problems(query: PlanQuery, count: int, samples: int) -> tuple[list[ApproachProblem], str]:
+    """Return the approaches with admissible ends, the most promising first, and why the first of the others is not.
+
+    They are ordered by the cost of the cheapest spline plus 0.05 N^2/m times the integral of its penetration
+    max(0, radius + margin - distance).
+
+    Args:
+        query: The query.
+        count: Number of control points of an axis.
+        samples: Number of samples of an approach.
+    """
+    waits, admissible, reason = possible_waits(query), [], ""
+    if not waits:
+        return [], "the chaser moves, and it can only wait at rest; include a wait of 0 s"
+    for duration in query.durations:
+        for problem in approach_problems(query, waits, duration, count, samples):
+            wrong = terminal_problem(problem)
+            reason = reason or wrong
+            if not wrong:
+                admissible.append(problem)
+    if len(admissible) < 2:
+        return admissible, reason
+    cold = [problem.cold() for problem in admissible]
+    points = np.concatenate(
+        [np.einsum("kij,kj->ki", p.R_MW, p.basis.values[0] @ c) for p, c in zip(admissible, cold, strict=True)]
+    )
+    distance = query.boxes.distance(points).reshape(len(admissible), samples)
+    price = []
+    for problem, control_points, row in zip(admissible, cold, distance, strict=True):
+        penetration = np.maximum(query.limits.radius + problem.margin - row, 0.0).mean() * problem.basis.duration
+        price.append(problem.cost(control_points) + _PRICE * penetration)
+    return [admissible[i] for i in np.argsort(price, kind="stable")], reason
 
 
 class ApproachPlanner(Plugin):
@@ -62,12 +185,12 @@ class SplineSCPPlanner(ApproachPlanner):
         """
         began = time.perf_counter()
         if query.length != 1.0:
-            units = PlanUnits.of(query)
+            units = _PlanUnits.of(query)
             return units.restored(self(units.query), time.perf_counter() - began)
         wrong = start_problem(query)
         if wrong:
             return _without(PlanStatus.START_INFEASIBLE, query, wrong, began)
-        problems, wrong = ranked_problems(query, self.control_points, self.samples)
+        problems, wrong = _ranked_problems(query, self.control_points, self.samples)
         if not problems:
             return _without(PlanStatus.TERMINAL_INFEASIBLE, query, wrong, began)
         best: Plan | None = None

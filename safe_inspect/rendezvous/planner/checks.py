@@ -1,21 +1,80 @@
-"""Checks of a query before the optimisation, and of the plan that a planner returns."""
+"""Checks of queries and plans, and the proof that a plan keeps its clearance between its samples too."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.dynamics.tumble import largest_rate, tumble
+from safe_inspect.rendezvous.planner.paths import FIXED, ApproachPath
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
-from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import FIXED
+from safe_inspect.rendezvous.planner.query import ALLOWANCE, Plan, PlanQuery
 from safe_inspect.types import FloatArray
 
+_INTERVALS = 60
 _CLEAR_FOR = 2.0  # s: The coasting chaser must not touch the target within this time.
 _AT_REST = 5e-3  # m/s: Below this speed the chaser can hold its position during a wait.
 #: Largest difference of a plan's ends from those of the query [length, length/s], and largest excess of its samples
 #: over a limit, as a fraction of the limit.
 _END_ERROR, _EXCESS = 1e-3, 0.01
+
+
+class Certificate(NamedTuple):
+    """The result of a proof of clearance.
+
+    Attributes:
+        certified: Whether the clearance is proved.
+        clearance: Lower bound of (distance - radius - margin) if certified, else a value that the path reaches [m].
+        time: Time since the plan's start at which the proof failed [s]; NaN if certified.
+        evaluations: Number of computed distances.
+    """
+
+    certified: bool
+    clearance: float
+    time: float
+    evaluations: int
+
+
+def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution: float = 1e-3) -> Certificate:
+    """Prove that ``distance >= radius + margin - 1 cm`` at all times of a path; the 1 cm scales with the length of 1 m.
+
+    In T the chaser's speed is at most ``L = max |v| + max |w| max |p|``, where the path (`ApproachPath`) bounds the
+    first and the last factor, and the distance is 1-Lipschitz. In an interval of length h the distance is therefore at
+    least d(mid) - L h / 2. Intervals for which this does not prove the clearance are halved. The margin in an interval
+    is the largest of its values at the two ends and in the middle.
+
+    Args:
+        query: The query.
+        path: The path of a plan.
+        wait: Time before the approach starts [s].
+        resolution: Uncertainty of the distance below which an interval is not halved but counts as not clear [length].
+    """
+    allowance, resolution = ALLOWANCE * query.length, resolution * query.length
+    rate = largest_rate(query.inertia, query.angular_velocity[None])[0]
+    speed = float(path.largest_speed + rate * path.largest_distance)
+    edges = np.linspace(0.0, path.duration, _INTERVALS + 1)
+    left, right = edges[:-1], edges[1:]
+    least, evaluations = np.inf, 0
+    while len(left):
+        middle = 0.5 * (left + right)
+        p, _, _ = path.at(middle)
+        q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + middle)
+        in_target = np.einsum("kji,kj->ki", to_matrix(q[0]), p)
+        margin = np.max([query.margin(left), query.margin(middle), query.margin(right)], axis=0)
+        spare = query.boxes.distance(in_target @ query.R_MT.T) - query.limits.radius - margin
+        bound = spare - 0.5 * speed * (right - left)
+        evaluations += len(middle)
+        clear = bound >= -allowance
+        least = min(least, float(bound[clear].min(initial=np.inf)))
+        failed = ~clear & ((spare < -allowance) | (speed * (right - left) < 2.0 * resolution))
+        if failed.any():
+            worst = int(np.where(failed, spare, np.inf).argmin())
+            return Certificate(False, float(spare[worst]), float(middle[worst]), evaluations)
+        left, middle, right = left[~clear], middle[~clear], right[~clear]
+        left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
+    return Certificate(True, least, float("nan"), evaluations)
 
 
 def start_problem(query: PlanQuery) -> str:
@@ -25,7 +84,7 @@ def start_problem(query: PlanQuery) -> str:
         return f"the start {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
     if (np.abs(v) > limits.speed).any():
         return f"the speed at the start is {np.abs(v).max():.3f} m/s along an axis; the limit is {limits.speed:.3f} m/s"
-    spare = hover_clearance(query, np.array([0.0]))[0] - float(query.margin(np.zeros(1))[0])
+    spare = _hover_clearance(query, np.array([0.0]))[0] - float(query.margin(np.zeros(1))[0])
     if spare < 0.0:
         return f"the start is {-spare:.3f} m closer to the target than radius and margin allow"
     if np.linalg.norm(p) < limits.least_range:
@@ -33,7 +92,7 @@ def start_problem(query: PlanQuery) -> str:
     rate = float(np.linalg.norm(np.cross(p, v)) / (p @ p))
     if rate > limits.line_of_sight_rate:
         return f"the line of sight turns at {rate:.3f} rad/s; the limit is {limits.line_of_sight_rate:.3f} rad/s"
-    drift = hover_clearance(query, np.linspace(0.0, _CLEAR_FOR, 21), coasting=True).min()
+    drift = _hover_clearance(query, np.linspace(0.0, _CLEAR_FOR, 21), coasting=True).min()
     if drift < 0.0:
         return f"the chaser would touch the target within {_CLEAR_FOR:.0f} s"
     return ""
@@ -93,7 +152,7 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
     return ""
 
 
-def hover_clearance(query: PlanQuery, times: FloatArray, coasting: bool = False) -> FloatArray:
+def _hover_clearance(query: PlanQuery, times: FloatArray, coasting: bool = False) -> FloatArray:
     """Return the clearance of a chaser that holds its position or coasts [m], shape (k,).
 
     Args:
@@ -116,7 +175,7 @@ def possible_waits(query: PlanQuery) -> tuple[float, ...]:
     if waits[-1] == 0.0:
         return waits
     times = np.arange(0.0, waits[-1] + 0.25, 0.25)
-    touching = times[hover_clearance(query, times) < query.margin(np.zeros(1))[0]]
+    touching = times[_hover_clearance(query, times) < query.margin(np.zeros(1))[0]]
     return tuple(wait for wait in waits if not len(touching) or wait < touching[0])
 
 

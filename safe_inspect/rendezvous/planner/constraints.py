@@ -37,7 +37,7 @@ class ConstraintRows:
         return worst
 
 
-def clearance_rows(problem: ApproachProblem, p: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+def _clearance_rows(problem: ApproachProblem, p: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return values, gradients and samples of ``d_j(R_MW p) - radius - margin`` for the boxes near each sample."""
     points = np.einsum("kij,kj->ki", problem.R_MW, p)
     distance, gradient = problem.query.boxes.distances(points)
@@ -46,7 +46,7 @@ def clearance_rows(problem: ApproachProblem, p: FloatArray) -> tuple[FloatArray,
     return value, np.einsum("rij,ri->rj", problem.R_MW[sample], gradient[sample, box]), sample
 
 
-def line_of_sight_rows(rate: float, p: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _line_of_sight_rows(rate: float, p: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return values and gradients of the limit ``|p x v| / |p|^2 <= rate`` on the rate of the line of sight.
 
     With c = p x v, A = rate^2, r = |p| and N = A r^4 - c.c the constraint, scaled to m, is ``h = N / (2 A r^3)``. Its
@@ -66,7 +66,7 @@ def line_of_sight_rows(rate: float, p: FloatArray, v: FloatArray) -> tuple[Float
     return n * scale, to_position, -2.0 * np.cross(c, p) * scale[:, None]
 
 
-def cone_rows(axis: FloatArray, half_angle: float, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _cone_rows(axis: FloatArray, half_angle: float, p: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return values and gradients of ``axis . p - cos(half_angle) |p|``.
 
     Args:
@@ -90,15 +90,15 @@ def constraint_rows(problem: ApproachProblem, points: FloatArray) -> ConstraintR
     p, v = values[0] @ points, values[1] @ points
     k = np.arange(len(p))
     r = np.sqrt(np.maximum((p * p).sum(axis=1), 1e-6))
-    value, gradient, sample = clearance_rows(problem, p)
-    sight, sight_p, sight_v = line_of_sight_rows(limits.line_of_sight_rate, p, v)
+    value, gradient, sample = _clearance_rows(problem, p)
+    sight, sight_p, sight_v = _line_of_sight_rows(limits.line_of_sight_rate, p, v)
     parts = [
         (value, gradient, np.zeros_like(gradient), sample),
         (sight, sight_p, sight_v, k),
         (r - limits.least_range, p / r[:, None], np.zeros_like(p), k),
     ]
     if limits.cone is not None:  # within the cone or far enough away
-        cone, cone_p = cone_rows(problem.mating_direction, limits.cone, p)
+        cone, cone_p = _cone_rows(problem.mating_direction, limits.cone, p)
         far = r - limits.cone_range > cone
         cone = np.where(far, r - limits.cone_range, cone)
         parts.append((cone, np.where(far[:, None], p / r[:, None], cone_p), np.zeros_like(p), k))

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.planner.path import ApproachPath
+from safe_inspect.rendezvous.planner.paths import ApproachPath
 from safe_inspect.types import FloatArray
 
 #: Amount by which the clearance may be below the margin between samples, as a fraction of the scenario's length.
@@ -20,11 +20,6 @@ ALLOWANCE = 0.01
 def _constant_margin(times: FloatArray) -> FloatArray:
     """Return a clearance margin of 8 cm at all times."""
     return np.full(times.shape, 0.08)
-
-
-def _jem_keep_in() -> FloatArray:
-    """Return the half sizes of the Japanese Experiment Module, less the chaser's radius [m]."""
-    return np.array([0.8, 3.0, 0.8])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +44,7 @@ class Limits:
     planned_force: float = 0.168
     force: float = 0.30
     torque: float = 0.025
-    keep_in: FloatArray | None = field(default_factory=_jem_keep_in)
+    keep_in: FloatArray | None = field(default_factory=lambda: np.array([0.8, 3.0, 0.8]))
     radius: float = 0.25
     line_of_sight_rate: float = 0.17
     mass: float = 9.583788668
@@ -167,10 +162,6 @@ class PlanReport:
     seconds: float = 0.0
 
 
-def _no_rows() -> FloatArray:
-    return np.empty((0, 3))
-
-
 @dataclass(frozen=True, eq=False)
 class Plan:
     """A plan of an approach. Unless its status is SOLVED, it has no path and its arrays are empty.
@@ -201,15 +192,15 @@ class Plan:
     duration: float
     path: ApproachPath | None = None
     times: FloatArray = field(default_factory=lambda: np.empty(0))
-    position: FloatArray = field(default_factory=_no_rows)
-    velocity: FloatArray = field(default_factory=_no_rows)
-    acceleration: FloatArray = field(default_factory=_no_rows)
-    force: FloatArray = field(default_factory=_no_rows)
-    position_target: FloatArray = field(default_factory=_no_rows)
-    velocity_target: FloatArray = field(default_factory=_no_rows)
-    acceleration_target: FloatArray = field(default_factory=_no_rows)
+    position: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    velocity: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    acceleration: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    force: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    position_target: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    velocity_target: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    acceleration_target: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     orientation: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    angular_velocity: FloatArray = field(default_factory=_no_rows)
+    angular_velocity: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     report: PlanReport = field(default_factory=PlanReport)
     tide: FloatArray | None = None
 

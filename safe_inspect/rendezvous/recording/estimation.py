@@ -1,23 +1,22 @@
-"""Estimation from a sensor log with the pipeline of a mission, but without a simulator."""
+"""Estimation from a sensor log with the pipeline of a mission, and a mating point given by a pixel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from safe_inspect.dynamics.quaternion import conjugate, log, multiply
+from safe_inspect.dynamics.quaternion import conjugate, log, multiply, to_matrix
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
-from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
-from safe_inspect.rendezvous.edges import Edge
-from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext, FrontEndRun
+from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
+from safe_inspect.rendezvous.poses import Edge, move
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -28,21 +27,8 @@ ONLINE_COLUMNS = (
     "time", "points", "edges", "q_WT_x", "q_WT_y", "q_WT_z", "q_WT_w", "rate_x", "rate_y", "rate_z",
     "attitude_sigma", "rate_sigma", "k1", "k2", "centre_x", "centre_y", "centre_z", "centre_sigma",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Estimators:
-    """The plugins of the estimation pipeline.
-
-    Attributes:
-        front_end: Computes relative poses from frames.
-        back_end: Estimates states from relative poses and inertial samples.
-        characteriser: Estimates the target's motion from the history.
-    """
-
-    front_end: FrontEnd
-    back_end: ISAM2BackEnd
-    characteriser: PolhodeCharacteriser
+#: Half width of the window of pixels to which a surface's normal is fitted, and smallest number of valid pixels in it.
+_WINDOW, _LEAST = 3, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +94,16 @@ class _Recorder:
 
 
 def estimate_log(
-    log_: SensorLog, estimators: Estimators, target: Target | None, progress: Callable[[int, int], None] | None = None
+    log_: SensorLog,
+    estimator: PipelineEstimator,
+    target: Target | None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> LogEstimate:
     """Estimate the motion of chaser and target from a log. The linear algebra runs in one thread, as in a mission.
 
     Args:
         log_: The log.
-        estimators: The plugins of the estimation pipeline.
+        estimator: The parts of the estimation pipeline.
         target: The target if its shape and inertia are known, else None.
         progress: Called after each frame with the number of frames that are done and the number of all frames.
 
@@ -122,25 +111,18 @@ def estimate_log(
         ConfigError: The motion of the target cannot be determined from the log.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _estimate(log_, estimators, target, progress)
+        return _estimate(log_, estimator, target, progress)
 
 
 def _estimate(
-    log_: SensorLog, estimators: Estimators, target: Target | None, progress: Callable[[int, int], None] | None
+    log_: SensorLog, estimator: PipelineEstimator, target: Target | None, progress: Callable[[int, int], None] | None
 ) -> LogEstimate:
     streams = Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
     camera, T_BC = log_.description.camera.geometry, log_.T_BC  # noqa: N806
-    recorder = _Recorder(estimators.front_end(FrontEndContext(camera, T_BC, target, streams)))
     period = float(np.median(np.diff(log_.imu[:, 0]))) if len(log_.imu) > 1 else 1.0
-    parts = PipelineParts(
-        front_end=recorder,
-        back_end=lambda start, centre: estimators.back_end(log_.description.imu, period, start, centre),
-        characterise=estimators.characteriser,
-        target=target,
-        T_BC=T_BC,
-        imu=log_.description.imu,
-    )
-    pipeline = EstimationPipeline(parts, ChaserStart(*log_.start))
+    parts = estimator.parts(FrontEndContext(camera, T_BC, target, streams), log_.description.imu, period)
+    recorder = _Recorder(parts.front_end)
+    pipeline = EstimationPipeline(replace(parts, front_end=recorder), ChaserStart(*log_.start))
     online, positions, before = [], [], float(log_.times[0])
     for done, (frame, samples) in enumerate(log_.steps()):
         for row in samples:
@@ -170,12 +152,12 @@ def _row(pipeline: EstimationPipeline, frame: DepthFrame, edges: int) -> FloatAr
     if found is not None:
         q, w = found.predict(np.array([frame.time]))
         row[3:7], row[7:10] = q[0], w[0]
-        row[10] = np.sqrt(np.linalg.eigvalsh(found.covariance[:3, :3])[-1])
-        row[11] = np.sqrt(np.linalg.eigvalsh(found.covariance[3:6, 3:6])[-1])
+        row[10] = largest_sigma(found.covariance[:3, :3])
+        row[11] = largest_sigma(found.covariance[3:6, 3:6])
         row[12:14] = found.ratios
     if graph is not None:
         row[14:17] = graph.centre
-        row[17] = np.sqrt(np.linalg.eigvalsh(graph.centre_covariance)[-1])
+        row[17] = largest_sigma(graph.centre_covariance)
     return row
 
 
@@ -189,3 +171,68 @@ def measured_rates(estimate: LogEstimate) -> tuple[FloatArray, FloatArray]:
     first, last = first[kept], last[kept]
     seconds = (times[last] - times[first])[:, None]
     return 0.5 * (times[first] + times[last]), log(multiply(conjugate(q_WT[first]), q_WT[last])) / seconds
+
+
+def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: float) -> FloatArray:
+    """Return the point at a distance above the surface that a pixel sees, in B at that frame [m], shape (3,).
+
+    The surface's normal is that of a plane fitted to the surrounding pixels, and points to the side of the camera.
+
+    Args:
+        log: The log.
+        frame: Number of the frame.
+        column: Column of the pixel.
+        row: Row of the pixel.
+        distance: Distance above the surface [m].
+
+    Raises:
+        ConfigError: The pixel does not exist or has no depth, or too few pixels around it see the same surface.
+    """
+    camera = log.description.camera
+    if not (0 <= frame < len(log) and 0 <= column < camera.width and 0 <= row < camera.height):
+        raise ConfigError(
+            f"{log.folder}: frame {frame}, column {column}, row {row} is not in the log; it has {len(log)} frames of "
+            f"{camera.width} x {camera.height} pixels, counted from 0"
+        )
+    image = log.frame(frame)
+    if not image.valid[row, column]:
+        raise ConfigError(
+            f"{log.files[frame]}: column {column}, row {row} has no depth; pick a pixel of the target, see the figure"
+        )
+    directions = camera.geometry.directions
+    place = directions[row, column] * (image.depth[row, column] / directions[row, column, 2])
+    window = np.s_[max(row - _WINDOW, 0) : row + _WINDOW + 1, max(column - _WINDOW, 0) : column + _WINDOW + 1]
+    around = image.valid[window] & (np.abs(image.depth[window] - image.depth[row, column]) < 0.05)
+    rays = directions[window][around]
+    points = rays * (image.depth[window][around] / rays[:, 2])[:, None]
+    if len(points) < _LEAST:
+        raise ConfigError(
+            f"{log.files[frame]}: only {len(points)} pixels around column {column}, row {row} see the same surface; "
+            "pick a pixel farther from an edge"
+        )
+    normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
+    normal = -normal if normal @ place > 0.0 else normal
+    return np.asarray(move(log.T_BC, (place + distance * normal)[None])[0])
+
+
+def in_principal_axes(log: SensorLog, estimate: LogEstimate, frame: int, point: FloatArray) -> FloatArray:
+    """Return a point, given in B at a frame, in the estimated principal axes T from the centre of mass [m], shape (3,).
+
+    The result is ``p_T = R_GT^T (T_GB p_B - o)``, where o is the centre of mass in G. If the graph no longer contains
+    the attitude at the frame, the estimated motion gives it.
+
+    Args:
+        log: The log.
+        estimate: The estimate from the log.
+        frame: Number of the frame.
+        point: Point in B [m], shape (3,).
+    """
+    R_WT = to_matrix(estimate.attitudes(log.times[frame : frame + 1])[0])  # noqa: N806
+    near = int(np.abs(estimate.history.times - log.times[frame]).argmin())
+    R_WB = to_matrix(estimate.history.chaser[near])  # noqa: N806
+    return np.asarray(R_WT.T @ (R_WB @ point + estimate.chaser_positions[frame] - estimate.graph.centre))
+
+
+def mating_point_text(point: FloatArray) -> str:
+    """Return a mating point as text for the key ``mating_point`` of a target."""
+    return "[" + ", ".join(f"{value:.4f} m" for value in point) + "]"

@@ -29,7 +29,6 @@ TRUTH_COLUMNS = (
 )  # fmt: skip
 #: Name of the array of depths in an NPZ file.
 DEPTH = "depth"
-
 _Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _Velocity = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 _Quaternion = tuple[float, float, float, float]

@@ -1,23 +1,150 @@
-"""Recording the sensors of a simulated observation of the target."""
+"""Recording the sensors of a simulated observation, in which the chaser holds its position and looks at the target."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import yaml
 
 from safe_inspect.dynamics.quaternion import from_matrix
 from safe_inspect.geometry.pointing import R_BC
-from safe_inspect.rendezvous.models import RendezvousConfig
-from safe_inspect.rendezvous.recording.format import CameraDescription, SensorDescription, StartDescription
-from safe_inspect.rendezvous.recording.watch import WatchedFrame, watch
-from safe_inspect.rendezvous.recording.writer import SensorLogWriter
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.missions.mission import Mission
+from safe_inspect.rendezvous.missions.sensing import pose_in_model
+from safe_inspect.rendezvous.plugins import MeasuredState
+from safe_inspect.rendezvous.recording.format import (
+    DEPTH,
+    DESCRIPTION,
+    FRAME_COLUMNS,
+    FRAMES,
+    IMU_COLUMNS,
+    IMU_FILES,
+    TRUTH,
+    TRUTH_COLUMNS,
+    CameraDescription,
+    SensorDescription,
+    StartDescription,
+)
+from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
+#: Digits of a number in a CSV file: enough for every float64.
+_NUMBER = ".17g"
 
-def describe_watch(config: RendezvousConfig, first: WatchedFrame) -> SensorDescription:
+
+class SensorLogWriter:
+    """Writer of a sensor log into an existing folder; `close` writes the tables.
+
+    Args:
+        folder: The existing folder.
+        description: The sensors.
+        images: Format of depth frames: ``npz`` (float32, metres) or ``png`` (16 bits, rounded to `depth_unit`).
+    """
+
+    def __init__(self, folder: Path, description: SensorDescription, images: Literal["npz", "png"] = "npz") -> None:
+        self._folder, self._description, self._images = folder, description, images
+        self._frames: list[tuple[float, str]] = []
+        self._imu: list[FloatArray] = []
+        self._truth: list[FloatArray] = []
+        (folder / "frames").mkdir()
+
+    def add_frame(self, time: float, depth: FloatArray) -> None:
+        """Add a depth frame: z in C [m], 0 where nothing is seen, shape (height, width)."""
+        name = f"frames/{len(self._frames):06d}.{self._images}"
+        if self._images == "npz":
+            np.savez_compressed(self._folder / name, **{DEPTH: depth.astype(np.float32)})  # type: ignore[arg-type]
+        else:
+            from PIL import Image
+
+            steps = np.clip(np.round(depth / self._description.camera.depth_unit), 0, 65535).astype(np.uint16)
+            Image.fromarray(steps).save(self._folder / name)
+        self._frames.append((time, name))
+
+    def add_imu(self, samples: FloatArray) -> None:
+        """Add inertial samples: time [s], specific force [m/s^2] and angular velocity [rad/s] in B, shape (n, 7)."""
+        self._imu.extend(samples)
+
+    def add_truth(self, row: FloatArray) -> None:
+        """Add the truth of the last frame, in the order of `TRUTH_COLUMNS`."""
+        self._truth.append(row)
+
+    def close(self) -> None:
+        """Write the description and the tables."""
+        described = self._description.model_dump(mode="json")
+        text = "# Sensors of this log; lengths in m, times in s, angles in rad.\n" + yaml.safe_dump(
+            described, sort_keys=False
+        )
+        (self._folder / DESCRIPTION).write_text(text, encoding="utf-8")
+        _write(self._folder / FRAMES, FRAME_COLUMNS, ((format(time, _NUMBER), name) for time, name in self._frames))
+        _write_numbers(self._folder / IMU_FILES[0], IMU_COLUMNS, self._imu)
+        if self._truth:
+            _write_numbers(self._folder / TRUTH, TRUTH_COLUMNS, self._truth)
+
+
+def _write_numbers(path: Path, columns: Sequence[str], rows: Iterable[FloatArray]) -> None:
+    _write(path, columns, ([format(value, _NUMBER) for value in row] for row in rows))
+
+
+def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedFrame:
+    """A frame, the inertial samples since the previous frame, and the true states.
+
+    Attributes:
+        frame: The depth frame.
+        imu: Time [s], specific force [m/s^2] and angular velocity [rad/s] in B of each sample, shape (n, 7).
+        chaser: The chaser's true state.
+        target: The target's true state, in its principal axes T.
+        T_MB: The true pose of the chaser in the target's model frame M, shape (4, 4).
+    """
+
+    frame: DepthFrame
+    imu: FloatArray
+    chaser: BodyState
+    target: BodyState
+    T_MB: FloatArray
+
+
+def watch(config: RendezvousConfig, number: int, seconds: float) -> Iterator[WatchedFrame]:
+    """Yield the frames of a mission that only observes the target, the first at time 0.
+
+    Args:
+        config: The experiment. Its estimator is not used, and its faults are not simulated.
+        number: Number of the mission, from which its tumble and noise are sampled.
+        seconds: Duration of the observation [s].
+    """
+    endless = dict.fromkeys(("observe", "observe_limit", "time_limit"), math.inf)
+    mission = config.mission.model_copy(update={"faults": (), **endless})
+    watching = config.model_copy(update={"mission": mission, "estimator": MeasuredState()})
+    target, count = config.target(), 0
+    samples: list[FloatArray] = []
+    for readings, chaser, body in Mission(watching, number, reads=("frames", "inertial")).steps():
+        if readings.time > seconds + 1e-6:
+            return
+        for _, acceleration, rate in readings.samples:
+            count += 1
+            time = count * config.sensors.imu_ticks * mission.tick
+            samples.append(np.concatenate([[time], acceleration, rate]))
+        if readings.frame is not None:
+            rows = np.array(samples).reshape(-1, 7)
+            yield WatchedFrame(readings.frame, rows, chaser, body, pose_in_model(target, chaser, body))
+            samples = []
+
+
+def _describe_watch(config: RendezvousConfig, first: WatchedFrame) -> SensorDescription:
     """Return the description of the sensors of a simulated observation."""
     camera = config.sensors.camera.geometry
     fx, fy, cx, cy = camera.intrinsics
@@ -57,7 +184,7 @@ def record_watch(
     writer: SensorLogWriter | None = None
     for seen in watch(config, number, seconds):
         if writer is None:
-            writer = SensorLogWriter(folder, describe_watch(config, seen), images)
+            writer = SensorLogWriter(folder, _describe_watch(config, seen), images)
         writer.add_imu(seen.imu)
         writer.add_frame(seen.frame.time, seen.frame.depth)
         writer.add_truth(_truth(seen))
@@ -70,15 +197,9 @@ def record_watch(
 
 
 def _truth(seen: WatchedFrame) -> FloatArray:
-    return np.concatenate(
-        [
-            [seen.frame.time],
-            seen.T_MB[:3, 3],
-            from_matrix(seen.T_MB[:3, :3]),
-            seen.target.orientation,
-            seen.target.angular_velocity,
-        ]
-    )
+    position, orientation = seen.T_MB[:3, 3], from_matrix(seen.T_MB[:3, :3])
+    target = (seen.target.orientation, seen.target.angular_velocity)
+    return np.concatenate([[seen.frame.time], position, orientation, *target])
 
 
 def _tuple(values: FloatArray) -> tuple[float, ...]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.rendezvous.edges import MODEL
-from safe_inspect.rendezvous.missions.log import json_value
+from safe_inspect.rendezvous.estimation.states import largest_sigma
+from safe_inspect.rendezvous.missions.record import json_value
+from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
 from safe_inspect.rendezvous.recording.reader import SensorLog
@@ -33,15 +35,15 @@ def summary_of(log: SensorLog, estimate: LogEstimate) -> dict[str, Any]:
         "time": time,
         "q_WT": q[0],
         "rate_deg_per_s": np.rad2deg(w[0]),
-        "attitude_sigma_deg": np.rad2deg(_largest(covariance[:3, :3])),
-        "rate_sigma_deg_per_s": np.rad2deg(_largest(covariance[3:6, 3:6])),
+        "attitude_sigma_deg": np.rad2deg(largest_sigma(covariance[:3, :3])),
+        "rate_sigma_deg_per_s": np.rad2deg(largest_sigma(covariance[3:6, 3:6])),
         "axes_sigma_deg": np.rad2deg(found.axes_sigma),
         "q_GT": found.q_GT,
         "J1_over_J3": found.ratios[0],
         "J2_over_J3": found.ratios[1],
         "centre_of_mass_W": graph.centre,
         "centre_of_mass_G": graph.centre_glued,
-        "centre_sigma": _largest(graph.centre_covariance),
+        "centre_sigma": largest_sigma(graph.centre_covariance),
         "axes_are_observable": found.observable,
         "directions_are_known": found.aligned,
         "misfit": found.misfit,
@@ -78,16 +80,9 @@ def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
         writer.writerows(
             [["" if np.isnan(value) else format(value, ".10g") for value in row] for row in estimate.online]
         )
-    edges = estimate.edges
-    np.savez_compressed(
-        folder / EDGES,
-        first=np.array([edge.first for edge in edges]),
-        second=np.array([edge.second for edge in edges]),
-        pose=np.array([edge.pose for edge in edges]),
-        covariance=np.array([edge.covariance for edge in edges]),
-        inliers=np.array([edge.inliers for edge in edges]),
-        kind=np.array([edge.kind for edge in edges]),
-    )
+    names = [field.name for field in fields(Edge)]
+    columns = {name: np.array([getattr(edge, name) for edge in estimate.edges]) for name in names}
+    np.savez_compressed(folder / EDGES, **columns)  # type: ignore[arg-type]
 
 
 def estimate_table(summary: dict[str, Any]) -> str:
@@ -118,7 +113,3 @@ def estimate_table(summary: dict[str, Any]) -> str:
             f"({errors['attitude_median_deg']:.2f} median), rate {errors['rate_at_the_end_deg_per_s']:.3f} deg/s"
         )
     return "\n".join(lines)
-
-
-def _largest(covariance: FloatArray) -> float:
-    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))

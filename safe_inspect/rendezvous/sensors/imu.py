@@ -45,22 +45,6 @@ def checked_noise(noise: ImuNoise) -> ImuNoise:
     return noise
 
 
-class ImuSample(NamedTuple):
-    """One sample in the chaser's frame B.
-
-    Attributes:
-        acceleration: Specific force [m/s^2], shape (3,).
-        rate: Angular velocity [rad/s], shape (3,).
-        acceleration_bias: True bias of the specific force [m/s^2], shape (3,).
-        rate_bias: True bias of the angular velocity [rad/s], shape (3,).
-    """
-
-    acceleration: FloatArray
-    rate: FloatArray
-    acceleration_bias: FloatArray
-    rate_bias: FloatArray
-
-
 class InertialSample(NamedTuple):
     """The inertial measurement at one time.
 
@@ -91,8 +75,8 @@ class Imu:
         self._bias = streams.normal("imu.bias", 6)[0] * np.repeat([noise.acceleration_bias, noise.rate_bias], 3)
         self._count = 0
 
-    def sample(self, acceleration: FloatArray, angular_velocity: FloatArray) -> ImuSample:
-        """Return the next sample.
+    def sample(self, acceleration: FloatArray, angular_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return specific force [m/s^2] and angular velocity [rad/s] of the next sample in B, shape (3,) each.
 
         Args:
             acceleration: Acceleration of the centre of mass in B, without gravity [m/s^2], shape (3,).
@@ -101,13 +85,7 @@ class Imu:
         noise = self._noise
         drawn = self._streams.normal("imu.sample", 12, self._count)[0]
         error = drawn[:6] * np.repeat([noise.acceleration, noise.rate], 3)
-        bias = self._bias.copy()
-        walk = np.repeat([noise.acceleration_walk, noise.rate_walk], 3) * np.sqrt(self._period)
-        self._bias = self._bias + walk * drawn[6:]
+        bias, walk = self._bias, np.repeat([noise.acceleration_walk, noise.rate_walk], 3) * np.sqrt(self._period)
+        self._bias = bias + walk * drawn[6:]
         self._count += 1
-        return ImuSample(
-            acceleration + bias[:3] + error[:3],
-            angular_velocity + bias[3:] + error[3:],
-            bias[:3],
-            bias[3:],
-        )
+        return acceleration + bias[:3] + error[:3], angular_velocity + bias[3:] + error[3:]

@@ -183,11 +183,11 @@ class DepthRenderer:
         edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), _EDGE)
         safe = np.where(seen, distance, 0.0)
         sigma = profile.sigma0 + profile.k * safe**2 / np.maximum(cosine, 0.15)
-        measured = safe + sigma * _normal(streams, "camera.noise", shape, frame)
-        flies = edges & (_uniform(streams, "camera.flying", shape, frame) < profile.flying)
-        shift = (2.0 * _uniform(streams, "camera.shift", shape, frame) - 1.0) * profile.flying_range
+        measured = safe + sigma * _fill(streams.normal, "camera.noise", shape, frame)
+        flies = edges & (_fill(streams.uniform, "camera.flying", shape, frame) < profile.flying)
+        shift = (2.0 * _fill(streams.uniform, "camera.shift", shape, frame) - 1.0) * profile.flying_range
         measured = np.where(flies, measured + shift, measured)
-        kept = _uniform(streams, "camera.dropout", shape, frame) >= profile.dropout
+        kept = _fill(streams.uniform, "camera.dropout", shape, frame) >= profile.dropout
         valid = seen & kept & (measured >= camera.least_range) & (measured <= camera.largest_range)
         points = measured[valid][:, None] * camera.directions[valid]
         flags = ("out_of_view",) if len(points) == 0 else ("few_points",) * (len(points) < _FEW_POINTS)
@@ -213,22 +213,12 @@ def _edges(depth: FloatArray, jump: float) -> BoolArray:
     """Return a mask of the pixels that differ by more than `jump` from one of four neighbours; no depth is infinity."""
     found = np.zeros(depth.shape, np.bool_)
     finite = np.where(np.isfinite(depth), depth, 1e9)
-    for axis in (0, 1):
-        apart = np.abs(np.diff(finite, axis=axis)) > jump
-        low = [slice(None)] * 2
-        high = [slice(None)] * 2
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        found[tuple(low)] |= apart
-        found[tuple(high)] |= apart
+    down, right = (np.abs(np.diff(finite, axis=axis)) > jump for axis in (0, 1))
+    found[:-1] |= down
+    found[1:] |= down
+    found[:, :-1] |= right
+    found[:, 1:] |= right
     return found
-
-
-def _uniform(streams: Streams, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
-    return _fill(streams.uniform, purpose, shape, frame)
-
-
-def _normal(streams: Streams, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:
-    return _fill(streams.normal, purpose, shape, frame)
 
 
 def _fill(draw: Any, purpose: str, shape: tuple[int, int], frame: int) -> FloatArray:

@@ -1,1 +1,1 @@
-"""The target: its shape, its mass properties and its mating point."""
+"""The target: its shape, its mass properties, its mating point and its tumble."""

@@ -12,7 +12,7 @@ from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.target.box import aligned_boxes
+from safe_inspect.rendezvous.target.boxes import aligned_boxes
 from safe_inspect.rendezvous.target.model import (
     InertiaMatrix,
     Point,
@@ -31,7 +31,7 @@ _LEAST_HALF_SIZE = 1e-4
 _CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
-def read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
+def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     """Read a mesh file with trimesh and scale it.
 
     Raises:
@@ -79,7 +79,7 @@ class MeshTarget(TargetModel):
         Raises:
             ConfigError: The mesh is not closed, or its inertia is not that of a rigid body.
         """
-        mesh = read_mesh(self.path, self.scale)
+        mesh = _read_mesh(self.path, self.scale)
         if self.inertia is None:
             mesh.apply_translation(-mesh.center_mass)
             inertia = np.asarray(mesh.moment_inertia, dtype=np.float64)
@@ -91,10 +91,10 @@ class MeshTarget(TargetModel):
         except ValueError as error:
             raise ConfigError(f"{self.path}: {error}") from None
         surface = TriangleMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
-        return Target(covering_boxes(mesh, self.boxes), surface, inertia, np.array(self.mating_point))
+        return Target(_covering_boxes(mesh, self.boxes), surface, inertia, np.array(self.mating_point))
 
 
-def covering_boxes(mesh: Any, count: int) -> OrientedBoxes:
+def _covering_boxes(mesh: Any, count: int) -> OrientedBoxes:
     """Return at most `count` axis-aligned boxes that cover a closed mesh and its interior.
 
     Starting from the bounding box, cells are cut one after the other, each time at the plane that reduces the total

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.back_end.graph import PoseGraph
-from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
-from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
+from safe_inspect.rendezvous.estimation.change import ActuatorResponse, BiasJumps, ExpectedMotion
+from safe_inspect.rendezvous.estimation.factors import BiasJump, ImuBuffer
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
@@ -102,7 +101,7 @@ def test_the_expected_motion_is_that_of_the_actuators(lag: float):
 def _watched(jump: np.ndarray, corrected: BiasJump | None) -> GraphEstimate:
     """Return the graph of a chaser whose biases jump between two frames, one second apart, that show nothing."""
     start, centre = ChaserStart(np.eye(4), np.zeros(3)), CentrePrior(np.array([1.5, 0.0, 0.0]), 0.1)
-    graph = PoseGraph(ImuBuffer(ImuNoise(), 0.1), start, centre, largest=600, memory=0.0)
+    graph = PoseGraph(ImuBuffer(ImuNoise(), 0.1), start, centre, ISAM2BackEnd(largest=600, memory=0.0))
     for frame in range(1, 21):
         for _ in range(10):
             if frame == 5 and corrected is not None:

@@ -12,17 +12,16 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.characterise.history import TargetEstimate
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
-from safe_inspect.rendezvous.estimation.consistency import attitude_error
-from safe_inspect.rendezvous.estimation.context import estimator_context
+from safe_inspect.rendezvous.estimation.history import TargetEstimate
 from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.missions.scenario import checked_target
+from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
+from safe_inspect.rendezvous.missions.summary import attitude_error
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.scenario import checked_target
-from safe_inspect.rendezvous.sensing import SensorSuite
-from safe_inspect.rendezvous.truth import ChaserTrace, target_motion
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
 _CHANGE, _END = 30.0, 56.0

@@ -7,13 +7,11 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, normalise, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.characterise.fit import FitOptions, Motion, fit_motion
-from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.characterise.polhode import HALF_TURNS, principal_axes_of_motion
-from safe_inspect.rendezvous.characterise.rates import angular_velocities
-from safe_inspect.rendezvous.characterise.ratios import logits_of, ratios_of
-from safe_inspect.rendezvous.edges import MODEL
+from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.fit import FitOptions, Motion, fit_motion, logits_of, ratios_of
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL
 from safe_inspect.types import FloatArray
 
 _INERTIA = np.array([0.1314, 0.9661, 1.0])

@@ -10,21 +10,19 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
-from safe_inspect.rendezvous.edges import MODEL
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
-from safe_inspect.rendezvous.estimation.consistency import attitude_error, normalised_error
-from safe_inspect.rendezvous.estimation.context import EstimatorContext
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.front_end.measured import MeasuredPosesRun
+from safe_inspect.rendezvous.front_end.base import _MeasuredPosesRun
 from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
+from safe_inspect.rendezvous.missions.sensing import SensorSuite
+from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
+from safe_inspect.rendezvous.missions.truth import MissionTruth, replay, target_motion
 from safe_inspect.rendezvous.plugins import StateEstimator, Tumble
+from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.readings import Reading, Readings
-from safe_inspect.rendezvous.recording.replay import replay
-from safe_inspect.rendezvous.sensing import SensorSuite
-from safe_inspect.rendezvous.sensors.poses import PoseFrame, PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import no_frame
-from safe_inspect.rendezvous.truth import MissionTruth, target_motion
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -200,7 +198,7 @@ def test_camera_and_inertial_unit_may_be_lost_together() -> None:
 
 
 def test_a_target_that_is_never_recognised_leads_away_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(MeasuredPosesRun, "step", lambda run, frame, predicted, rotation: [])
+    monkeypatch.setattr(_MeasuredPosesRun, "step", lambda run, frame, predicted, rotation: [])
     result = _fly("mission.time_limit=120 s")
     _has_departed(result, "target not seen", 68.0)
 
@@ -378,7 +376,7 @@ def test_before_the_first_frame_the_chaser_follows_its_inertial_unit() -> None:
 
 def test_the_numbers_of_measured_poses_are_those_of_the_calls() -> None:
     streams = Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
-    sensor, run = PoseSensorRun(PoseSensor(skips=1), streams), MeasuredPosesRun()
+    sensor, run = PoseSensorRun(PoseSensor(skips=1), streams), _MeasuredPosesRun()
     assert run.step(no_frame(0.0), None, np.eye(3)) == []
     found = []
     for number in (4, 5):

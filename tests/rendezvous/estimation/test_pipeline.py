@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import exp, to_matrix
-from safe_inspect.rendezvous.back_end.states import ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.estimation import pipeline as module
 from safe_inspect.rendezvous.estimation.change import motion_of
+from safe_inspect.rendezvous.estimation.history import TargetEstimate
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.poses import inverse, pose, rotation_log
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose, rotation_log
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 
@@ -122,10 +121,11 @@ class Flight:
         self.graph, self.edges, self.predicted = Graph(motion()), edges, list[Any]()
         self.found: Callable[..., Any] = lambda *given: None
         self.fits, self.priors = list[Any](), list[Any]()
-        parts = PipelineParts(SimpleNamespace(step=self._step), self._back_end, self._fit, target, T_BC, ImuNoise())  # type: ignore[arg-type]
+        step: Any = SimpleNamespace(step=self._step)
+        parts = PipelineParts(step, self._back_end, self._fit, target, T_BC, ImuNoise(), 0.1)  # type: ignore[arg-type]
         self.pipeline = EstimationPipeline(parts, START)
 
-    def _back_end(self, *given: Any) -> Any:
+    def _back_end(self, _: Any, *given: Any) -> Any:
         self.priors.append(given)
         return self.graph
 

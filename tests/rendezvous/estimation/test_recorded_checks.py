@@ -17,23 +17,25 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, multiply
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.graph import PoseGraph
-from safe_inspect.rendezvous.back_end.inertial import ImuBuffer
-from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart
-from safe_inspect.rendezvous.bound.query import EstimateErrors, JointErrors
-from safe_inspect.rendezvous.characterise.history import TargetEstimate
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
-from safe_inspect.rendezvous.estimation.bias_jump import BiasJumps
-from safe_inspect.rendezvous.estimation.change import departs
-from safe_inspect.rendezvous.estimation.consistency import attitude_error, normalised_error
-from safe_inspect.rendezvous.estimation.innovation import centre_innovation
-from safe_inspect.rendezvous.estimation.response import ActuatorResponse, ExpectedMotion
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.change import (
+    ActuatorResponse,
+    BiasJumps,
+    ExpectedMotion,
+    centre_innovation,
+    departs,
+)
+from safe_inspect.rendezvous.estimation.factors import ImuBuffer
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
+from safe_inspect.rendezvous.estimation.history import TargetEstimate
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart
+from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.poses import perturbed, pose
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
-from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.testing.estimation import watched_poses
 
 from ..record import check
@@ -121,7 +123,9 @@ def _checks() -> Any:
         joint,
         0.9,
     )
-    graph = PoseGraph(ImuBuffer(ImuNoise(), 0.1), _START, CentrePrior(np.zeros(3), 0.3), largest=50, memory=1.0)
+    graph = PoseGraph(
+        ImuBuffer(ImuNoise(), 0.1), _START, CentrePrior(np.zeros(3), 0.3), ISAM2BackEnd(largest=50, memory=1.0)
+    )
     run = PoseSensorRun(PoseSensor(), _STREAMS)
     steps = [run.measure(k, at, in_view=True) for k, at in enumerate(watched_poses(EnvisatTarget()(), 5))]
     for k, edges in enumerate(steps[:4]):

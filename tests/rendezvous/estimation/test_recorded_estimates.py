@@ -17,21 +17,18 @@ from threadpoolctl import threadpool_limits
 
 from safe_inspect.dynamics.quaternion import exp, from_matrix, multiply
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.back_end.graph import PoseGraph
-from safe_inspect.rendezvous.back_end.inertial import BiasJump, ImuBuffer
-from safe_inspect.rendezvous.back_end.states import CentrePrior, ChaserStart
-from safe_inspect.rendezvous.characterise.fit import Motion
-from safe_inspect.rendezvous.characterise.history import History, TargetEstimate
-from safe_inspect.rendezvous.characterise.motion import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.characterise.polhode import principal_axes_of_motion
-from safe_inspect.rendezvous.characterise.rates import angular_velocities
-from safe_inspect.rendezvous.characterise.ratios import inertia_of, logits_of, ratios_of
-from safe_inspect.rendezvous.edges import MODEL, Edge
 from safe_inspect.rendezvous.estimation.change import covariance_at
-from safe_inspect.rendezvous.poses import inverse, perturbed, pose
+from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.factors import BiasJump, ImuBuffer
+from safe_inspect.rendezvous.estimation.fit import Motion, inertia_of, logits_of, ratios_of
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, perturbed, pose
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.poses import PoseSensor, PoseSensorRun
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.testing.estimation import watched_poses
 from safe_inspect.types import FloatArray
 
@@ -60,7 +57,10 @@ def _graphs() -> Any:
     ):
         random, noise = np.random.default_rng(1), ImuNoise(acceleration=4e-3, rate_walk=1e-5)
         graph = PoseGraph(
-            ImuBuffer(noise, 0.1), _START, CentrePrior(np.full(3, 0.02), 0.3), largest=largest, memory=memory
+            ImuBuffer(noise, 0.1),
+            _START,
+            CentrePrior(np.full(3, 0.02), 0.3),
+            ISAM2BackEnd(largest=largest, memory=memory),
         )
         rows: list[Any] = []
         for k, edges in enumerate(_steps(sensor, 26)[1:], 1):
@@ -115,6 +115,19 @@ def _history(sensor: PoseSensor, frames: int) -> tuple[History, FloatArray]:
     return history, from_matrix(inverse(poses[0])[:3, :3])
 
 
+def _between(self: History, start: float, end: float) -> History:
+    """Return the history of the frames from a start to an end [s], both included, with the edges between them."""
+    kept = np.flatnonzero((self.times >= start - 1e-9) & (self.times <= end + 1e-9))
+    place = np.full(len(self.times) + 1, -2)
+    place[kept], place[MODEL] = np.arange(len(kept)), MODEL
+    first, second = place[self.first], place[self.second]
+    used = (first > -2) & (second > -2)
+    return History(
+        self.times[kept], self.chaser[kept], self.glued[kept],
+        first[used], second[used], self.rotation[used], self.covariance[used],
+    )  # fmt: skip
+
+
 def _estimate(found: TargetEstimate | None) -> Any:
     if found is None:
         return None
@@ -152,8 +165,8 @@ def _motions() -> Any:
         found[name] = [
             _estimate(first),
             _estimate(characteriser(history, _TARGET, before, model)),
-            _estimate((plain if name == "model" else characteriser)(history.between(4.0, 26.0), None, None, None)),
-            _estimate(characteriser(history.between(0.0, 6.0), _TARGET, None, None)),
+            _estimate((plain if name == "model" else characteriser)(_between(history, 4.0, 26.0), None, None, None)),
+            _estimate(characteriser(_between(history, 0.0, 6.0), _TARGET, None, None)),
             covariance_at(first, 80.0),
         ]
         middle, rates = angular_velocities(*history.in_inertial, 1.0, 6.0)
@@ -170,7 +183,7 @@ def _motions() -> Any:
             history.second,
             history.rotation,
             history.covariance,
-            history.between(3.0, 9.0).first,
+            _between(history, 3.0, 9.0).first,
             history.without(history.second > 20).second,
         ]
     logits = np.array([[-30.0, 2.0], [0.3, -0.7], [9.0, 40.0]])

@@ -15,7 +15,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS, CameraDescription, SensorDescription
 from safe_inspect.rendezvous.recording.plausibility import check_log
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
-from safe_inspect.rendezvous.recording.writer import SensorLogWriter
+from safe_inspect.rendezvous.recording.record import SensorLogWriter
 from safe_inspect.types import FloatArray
 
 _CAMERA = CameraDescription(width=40, height=30, fx=40.0, fy=42.0, cx=19.0, cy=15.5)

@@ -6,16 +6,13 @@ import pytest
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.context import FrontEndContext
-from safe_inspect.rendezvous.front_end.model.acquisition import acquire, spread_rotations
-from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model.kernel import nearest_face
-from safe_inspect.rendezvous.front_end.model.registration import Prior
-from safe_inspect.rendezvous.front_end.motion import RelativeMotion
+from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
+from safe_inspect.rendezvous.front_end.model_kernel import _nearest_face
+from safe_inspect.rendezvous.front_end.model_registration import Prior, _spread_rotations, acquire
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
-from safe_inspect.rendezvous.poses import difference, inverse, perturbed, pose, rotation_exp
+from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 
@@ -40,7 +37,7 @@ def test_the_nearest_face_is_at_the_distance_of_the_boxes(target: Target) -> Non
     distance = target.boxes.distance(points)
     for point, expected in zip(points, distance, strict=True):
         if expected > 0.0:
-            _, *offset = nearest_face(faces, every, *point)
+            _, *offset = _nearest_face(faces, every, *point)
             assert np.linalg.norm(offset) == pytest.approx(expected, abs=1e-12)
 
 
@@ -92,7 +89,7 @@ def test_a_shape_that_would_hide_what_is_seen_does_not_fit(target: Target, shoot
 
 
 def test_spread_rotations_leave_no_gap() -> None:
-    grid, random = spread_rotations(600), np.random.default_rng(0)
+    grid, random = _spread_rotations(600), np.random.default_rng(0)
     for _ in range(30):
         one = rotation_exp(random.uniform(-np.pi, np.pi) * np.eye(3)[random.integers(3)])
         cosine = 0.5 * (np.einsum("nij,ij->n", grid, one).max() - 1.0)

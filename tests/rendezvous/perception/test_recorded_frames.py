@@ -18,19 +18,15 @@ import pytest
 
 from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.edges import Edge
+from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.context import FrontEnd, FrontEndContext
-from safe_inspect.rendezvous.front_end.gicp import prepared_cloud, register
-from safe_inspect.rendezvous.front_end.model.acquisition import acquire, spread_rotations
-from safe_inspect.rendezvous.front_end.model.faces import faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model.registration import ModelRegistration, Prior
-from safe_inspect.rendezvous.front_end.motion import RelativeMotion
-from safe_inspect.rendezvous.front_end.registration import Registration, relative
+from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior, _spread_rotations, acquire
+from safe_inspect.rendezvous.front_end.submap import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd, ModelFrontEnd
-from safe_inspect.rendezvous.poses import inverse, perturbed, pose, rotation_exp
+from safe_inspect.rendezvous.poses import Edge, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame, TimeOfFlightCamera
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.types import FloatArray
 
 from ..record import check
@@ -138,7 +134,7 @@ def _searches() -> Any:
     for number, place in enumerate(((0.3, -1.4, 0.5), (0.2, 0.4, -1.5))):
         cloud = Cleaning(CAMERA.geometry, edge=np.inf)(_shot(_looking(place), number), T_BC)
         found.append([[one.pose, one.score, one.inliers] for one in acquire(_registration(), cloud, 90, 3)])
-    return [*found, spread_rotations(7)]
+    return [*found, _spread_rotations(7)]
 
 
 def _pairs() -> Any:

@@ -21,26 +21,24 @@ import yaml
 from safe_inspect.config.data import configs_root
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
-from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
-from safe_inspect.rendezvous.edges import MODEL, Edge
+from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.front_end.context import FrontEndContext
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
-from safe_inspect.rendezvous.poses import inverse
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
 from safe_inspect.rendezvous.recording.estimation import (
     ONLINE_COLUMNS,
-    Estimators,
     LogEstimate,
     estimate_log,
+    in_principal_axes,
+    mating_point_text,
     measured_rates,
+    pick_point,
 )
 from safe_inspect.rendezvous.recording.format import CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.mating_point import in_principal_axes, mating_point_text, pick_point
 from safe_inspect.rendezvous.recording.reader import SensorLog, read_sensor_log
-from safe_inspect.rendezvous.recording.record import record_watch
+from safe_inspect.rendezvous.recording.record import SensorLogWriter, record_watch
 from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
-from safe_inspect.rendezvous.recording.writer import SensorLogWriter
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 
@@ -94,8 +92,8 @@ class _Replayed:
 
 def _estimated(log: SensorLog, front_end: Any, target: Target | None) -> LogEstimate:
     shown: list[tuple[int, int]] = []
-    estimators = Estimators(front_end, ISAM2BackEnd(), PolhodeCharacteriser())
-    found = estimate_log(log, estimators, target, lambda *step: shown.append(step))
+    estimator = PipelineEstimator().model_copy(update={"front_end": front_end})
+    found = estimate_log(log, estimator, target, lambda *step: shown.append(step))
     assert shown == [(done, len(log)) for done in range(1, len(log) + 1)]
     return found
 

@@ -10,12 +10,12 @@ import yaml
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.experiment import read_target
+from safe_inspect.rendezvous.recording.estimation import pick_point
 from safe_inspect.rendezvous.recording.format import FRAME_COLUMNS, IMU_COLUMNS, CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.mating_point import pick_point
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
-from safe_inspect.rendezvous.recording.target_file import read_target
-from safe_inspect.rendezvous.recording.writer import SensorLogWriter
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.recording.record import SensorLogWriter
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 
 _EXPERIMENT = str(configs_root() / "tumbling-rendezvous" / "experiment.yml")
 _CAMERA = CameraDescription(width=40, height=30, fx=40.0, fy=42.0, cx=19.0, cy=15.5)

@@ -12,10 +12,8 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import exp
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.bound.conformal import Bound, ConformalBound
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, JointErrors, Updates
 from safe_inspect.rendezvous.control.attitude import AttitudeCommand, AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.axis import Axis
+from safe_inspect.rendezvous.control.bound import Bound, ConformalBound
 from safe_inspect.rendezvous.control.design import (
     DesignOptions,
     DesignRequest,
@@ -24,20 +22,20 @@ from safe_inspect.rendezvous.control.design import (
     design_tube,
     design_without_tube,
 )
-from safe_inspect.rendezvous.control.lqr import LQRTrackerRun
-from safe_inspect.rendezvous.control.monitor import reference_problem
 from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import LQRTrackerRun
+from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.coordination.coordinator import TABLE
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
-from safe_inspect.rendezvous.coordination.departure import departure_velocity
-from safe_inspect.rendezvous.coordination.escape import find_escape, remains_clear, safe_radius
-from safe_inspect.rendezvous.coordination.reference import reference_of
-from safe_inspect.rendezvous.coordination.table import TABLE
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
+from safe_inspect.rendezvous.coordination.escape import departure_velocity, find_escape, remains_clear, safe_radius
+from safe_inspect.rendezvous.coordination.reference import reference_of, reference_problem
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate
+from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import SplinePath
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 
 #: What is recorded: a name for each result, and how it is computed.
 Pieces = dict[str, Callable[[], Any]]
@@ -80,10 +78,10 @@ def _bounds() -> Any:
     root = np.random.default_rng(4).normal(size=(14, 14)) * np.repeat([0.2, 0.02, 1e-3, 4e-3, 1e-3], [2, 3, 3, 3, 3])
     joint = JointErrors(0.02, 1e-3, 4e-3, 0.3, 0.0, 1e-3, 0.1 * root.T @ root)
     cases = {
-        "updates": (errors, Updates(1.0, 0.4, 0.8), 9.0),
+        "updates": (errors, Updates(1.0, 0.8), 9.0),
         "once": (errors, None, 9.5),
         "exact inertia": (EstimateErrors(0.02, 1e-3), Updates(2.0), 9.0),
-        "joint": (joint, Updates(1.0, 0.0, 0.5), 9.0),
+        "joint": (joint, Updates(1.0, 0.5), 9.0),
     }
     found = {}
     for name, (own, updates, mass) in cases.items():

@@ -12,23 +12,23 @@ from pydantic import BaseModel
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous import models, plugins
-from safe_inspect.rendezvous.back_end.isam2 import ISAM2BackEnd
-from safe_inspect.rendezvous.bound.conformal import ConformalBound
-from safe_inspect.rendezvous.bound.query import EstimateErrors, Updates
-from safe_inspect.rendezvous.characterise.motion import PolhodeCharacteriser
+from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import DesignOptions
 from safe_inspect.rendezvous.control.gains import TrackingWeights
 from safe_inspect.rendezvous.control.tightening import TrackingLimits
-from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.pilot import limits_of
+from safe_inspect.rendezvous.control.trials import Updates
+from safe_inspect.rendezvous.coordination.pilot import limits_of
+from safe_inspect.rendezvous.estimate import EstimateErrors
+from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
+from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig, is_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.rendezvous.planner.query import Limits
 from safe_inspect.rendezvous.recording.format import CameraDescription, StartDescription
-from safe_inspect.rendezvous.scenario import check_scenario
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.poses import PoseSensor
-from safe_inspect.rendezvous.sensors.state import StateSensor
+from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
 from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera
-from safe_inspect.rendezvous.target.box import Box
+from safe_inspect.rendezvous.target.boxes import Box
 
 from .control import Pieces
 
@@ -117,7 +117,7 @@ def _options() -> Any:
     kinds = [getattr(plugins, name) for name in plugins.__all__]
     shared = [
         models.ActuatorConfig, models.LimitsConfig, models.ChaserConfig, models.Fault, models.MissionConfig,
-        models.SensorsConfig, models.RendezvousConfig, PoseSensor, StateSensor, TimeOfFlightCamera, ConformalBound,
+        SensorsConfig, RendezvousConfig, PoseSensor, StateSensor, TimeOfFlightCamera, ConformalBound,
         ISAM2BackEnd, PolhodeCharacteriser, Box, CameraDescription, StartDescription,
     ]  # fmt: skip
     return {model.__name__: _fields(model) for model in (*kinds, *shared)} | {

@@ -13,24 +13,19 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts
-from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.checks import possible_waits, start_problem, terminal_problem
+from safe_inspect.rendezvous.missions.sensing import SensorSuite
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts, _PlanUnits, _ranked_problems
+from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
 from safe_inspect.rendezvous.planner.constraints import constraint_rows
+from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
 from safe_inspect.rendezvous.planner.scp import within_limits
-from safe_inspect.rendezvous.planner.spline import SplinePath
-from safe_inspect.rendezvous.planner.units import PlanUnits
-from safe_inspect.rendezvous.planner.waiting import ranked_problems
-from safe_inspect.rendezvous.sensing import SensorSuite
-from safe_inspect.rendezvous.sensors.poses import PoseFrame
-from safe_inspect.rendezvous.target.box import Box, BoxTarget
-from safe_inspect.rendezvous.target.envisat import EnvisatTarget
+from safe_inspect.rendezvous.sensors.measured import PoseFrame
+from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
-from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.rendezvous.target.tumble import RandomTumble, TriAxialTumble
-from safe_inspect.rendezvous.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.target.model import RandomTumble, Target, TriAxialTumble
 
 from .control import STREAMS, Pieces, query
 
@@ -107,8 +102,8 @@ def _parts_of_plans() -> Any:
         cold, rows = problem.cold(), constraint_rows(problem, problem.cold())
         nearest = within_limits(problem, cold)
         proof = certify(one, SplinePath(problem.basis, cold), one.waits[-1])
-        ranked, reason = ranked_problems(one, 11, 31)
-        units = PlanUnits.of(one)
+        ranked, reason = _ranked_problems(one, 11, 31)
+        units = _PlanUnits.of(one)
         found[name] = [
             problem.cost(cold),
             problem.hessian,
@@ -168,7 +163,7 @@ def _refusals() -> Any:
             possible_waits(replace(one, waits=waits))
             for one in (free, at_start[3], replace(free, state=np.array([-0.3, 0.6, 0.3, 0, 0, 0])), at_start[6])
         ],
-        "moving": ranked_problems(replace(free, state=moving, waits=(2.0,)), 11, 31)[1],
+        "moving": _ranked_problems(replace(free, state=moving, waits=(2.0,)), 11, 31)[1],
     }
 
 

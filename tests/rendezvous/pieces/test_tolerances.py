@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.bound.conformal import Bound, ConformalBound, conformal_bound
-from safe_inspect.rendezvous.bound.query import BoundQuery, EstimateErrors, Updates
-from safe_inspect.rendezvous.bound.samples import ErrorSamples
+from safe_inspect.rendezvous.control.bound import Bound, ConformalBound, conformal_bound
 from safe_inspect.rendezvous.control.design import design_tube
+from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, Updates
+from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.planner.checks import plan_mistake
-from safe_inspect.rendezvous.planner.path import SampledPath
+from safe_inspect.rendezvous.planner.paths import SampledPath, spline_basis
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
-from safe_inspect.rendezvous.planner.spline import spline_basis
 
 from .control import AXIS, bound, plan, query
 
@@ -83,16 +82,12 @@ def test_a_plan_may_differ_a_little_from_what_was_asked_for(
         (lambda: query(state=np.zeros(5)), r"state must be finite, of shape \(6,\), got"),
         (lambda: query(inertia=np.array([1.0, np.nan, 1.0])), r"inertia must be finite, of shape \(3,\)"),
         (lambda: query(mean_motion=1e-3, limits=_FREE), r"limits.keep_in must be given: it bounds the tide"),
-        (lambda: spline_basis(7, 20, 10.0), "control_points must be at least 8, got 7"),
         (lambda: SampledPath(np.array([0.0, 1.0, 1.0]), np.zeros((3, 3)), np.zeros((3, 3))), "must ascend from 0 s"),
         (lambda: SampledPath(np.array([0.1, 1.0]), np.zeros((2, 3)), np.zeros((2, 3))), "must ascend from 0 s"),
         (lambda: SampledPath(np.array([0.0]), np.zeros((1, 3)), np.zeros((1, 3))), "at least two of them"),
         (lambda: SampledPath(np.array([0.0, 1.0]), np.zeros((2, 3)), np.ones((3, 3))),
          r"velocity must be finite, of shape \(2, 3\), got the shape \(3, 3\)"),
         (lambda: SampledPath(np.array([0.0, 1.0]), np.full((2, 3), np.nan), np.ones((2, 3))), "position must be"),
-        (lambda: design_tube(plan(), replace(bound(), times=bound().times[1:]), AXIS),
-         "tube: the plan has 151 samples but its bound has 150"),
-        (lambda: design_tube(plan(), bound(), replace(AXIS, step=0.201)), "must be sampled every 0.201 s, the control"),
         (lambda: ConformalBound(epsilon=0.1, trials=8), "0.1 needs 9 trials, and `trials` is 8; raise one of the two"),
     ],
 )  # fmt: skip
@@ -112,23 +107,12 @@ def test_what_is_just_allowed_is_taken() -> None:
 @pytest.mark.parametrize(
     ("updates", "expected"),
     [
-        (None, (1, 151, 0)), (Updates(1.0), (31, 5, 0)), (Updates(1.0, 0.4), (30, 5, 2)), (Updates(40.0), (1, 200, 0)),
-        (Updates(0.2), (151, 1, 0)), (Updates(1.0, 30.2), (1, 5, 151)), (Updates(0.2 * (1.0 + 9e-7)), (151, 1, 0)),
-        (Updates(0.2 * (1.0 + 2e-6)), "updates.period: .* s is no multiple of the plan's step of 0.2 s"),
-        (Updates(1.0, 0.3), "updates.latency: 0.3 s is no multiple"),
-        (Updates(0.0), "the period must be positive and the latency not negative"),
-        (Updates(1.0, -0.2), "the period must be positive and the latency not negative"),
-        (Updates(1.0, 0.0, 1.0), r"updates.correlation: must be in \[0, 1\), got 1.0"),
-        (Updates(1.0, 0.0, -0.1), r"updates.correlation: must be in \[0, 1\), got -0.1"),
+        (None, (1, 151)), (Updates(1.0), (31, 5)), (Updates(40.0), (1, 200)), (Updates(0.2), (151, 1)),
+        (Updates(0.2 * (1.0 + 9e-7)), (151, 1)),
     ],
 )  # fmt: skip
 def test_updates_are_whole_steps(updates: Updates | None, expected: Any) -> None:
-    asked = BoundQuery(plan(), query().inertia, EstimateErrors(0.01, 1e-3), updates)
-    if isinstance(expected, str):
-        with pytest.raises(ValueError, match=expected):
-            asked.windows()
-    else:
-        assert asked.windows() == expected
+    assert BoundQuery(plan(), query().inertia, EstimateErrors(0.01, 1e-3), updates).windows() == expected
 
 
 def _samples(count: int, size: float = 1.0) -> ErrorSamples:
@@ -148,14 +132,6 @@ def test_a_bound_is_the_error_of_one_trial(epsilon: float, scale: int, rank: int
     np.testing.assert_allclose(found.position, rank + scale)
     np.testing.assert_allclose(found.velocity, 2.0 * (rank + scale))
     np.testing.assert_array_equal(found.covers(_samples(12)), np.arange(12) < rank + scale)
-
-
-@pytest.mark.parametrize(("epsilon", "scale", "needed"), [(0.09, 1, 12), (0.5, 0, 1), (0.5, 10, 11)])
-def test_a_bound_of_too_few_trials_is_refused(epsilon: float, scale: int, needed: int) -> None:
-    with pytest.raises(
-        ValueError, match=f"10 trials, {scale} of them for the scale, are too few .* take {needed} or more"
-    ):
-        conformal_bound(_samples(10), epsilon, scale)
 
 
 def test_an_error_of_no_scale_is_refused_and_none_of_none_is_covered() -> None:

@@ -8,10 +8,10 @@ from safe_inspect.dynamics.quaternion import conjugate, multiply, normalise, rot
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous import libraries
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
-from safe_inspect.rendezvous.planner.certificate import certify
+from safe_inspect.rendezvous.planner.checks import certify
+from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, PlanStatus
-from safe_inspect.rendezvous.planner.spline import SplinePath
 
 pytest.importorskip("piqp")
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.planner.constraints import cone_rows, constraint_rows, line_of_sight_rows
+from safe_inspect.rendezvous.planner.constraints import _cone_rows, _line_of_sight_rows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits
 
@@ -22,16 +22,16 @@ def states():
 
 def test_the_gradients_of_the_line_of_sight(states):
     p, v = states
-    _, to_position, to_velocity = line_of_sight_rows(0.17, p, v)
+    _, to_position, to_velocity = _line_of_sight_rows(0.17, p, v)
     scale = 1e-8 * (1.0 + np.abs(to_position).max())
-    assert np.allclose(to_position, _slopes(lambda x: line_of_sight_rows(0.17, x, v)[0], p), atol=scale, rtol=1e-6)
-    assert np.allclose(to_velocity, _slopes(lambda x: line_of_sight_rows(0.17, p, x)[0], v), atol=scale, rtol=1e-6)
+    assert np.allclose(to_position, _slopes(lambda x: _line_of_sight_rows(0.17, x, v)[0], p), atol=scale, rtol=1e-6)
+    assert np.allclose(to_velocity, _slopes(lambda x: _line_of_sight_rows(0.17, p, x)[0], v), atol=scale, rtol=1e-6)
 
 
 def test_the_line_of_sight_is_limited_where_its_rate_is_the_limit(states):
     p, v = states
     rate = np.linalg.norm(np.cross(p, v), axis=1) / (p * p).sum(axis=1)
-    value, _, _ = line_of_sight_rows(0.1, p, v)
+    value, _, _ = _line_of_sight_rows(0.1, p, v)
     assert ((value >= 0.0) == (rate <= 0.1)).all()
     assert (value <= 0.5 * np.linalg.norm(p, axis=1)).all()
 
@@ -40,8 +40,8 @@ def test_the_gradient_of_a_cone(states):
     p, _ = states
     axis = np.random.default_rng(1).normal(size=p.shape)
     axis /= np.linalg.norm(axis, axis=1)[:, None]
-    value, gradient = cone_rows(axis, 0.5, p)
-    assert np.allclose(gradient, _slopes(lambda x: cone_rows(axis, 0.5, x)[0], p), atol=1e-8)
+    value, gradient = _cone_rows(axis, 0.5, p)
+    assert np.allclose(gradient, _slopes(lambda x: _cone_rows(axis, 0.5, x)[0], p), atol=1e-8)
     angle = np.arccos((axis * p).sum(axis=1) / np.linalg.norm(p, axis=1))
     assert ((value >= 0.0) == (angle <= 0.5)).all()
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
-from safe_inspect.rendezvous.planner.certificate import certify
-from safe_inspect.rendezvous.planner.checks import plan_mistake
-from safe_inspect.rendezvous.planner.path import SampledPath
+from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
+from safe_inspect.rendezvous.planner.paths import SampledPath
 from safe_inspect.rendezvous.planner.problem import sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 

@@ -1,1 +1,0 @@
-"""Bounds of the error of the reference that the chaser follows."""

@@ -1,0 +1,230 @@
+"""`Pilot`: flies a mission from the sensors' readings with an estimator, a planner, a bound and a tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.dynamics import quaternion
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
+from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import AxisStatus, LQRTrackerRun, TrackerOutput
+from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.coordination import actions, guards
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig
+from safe_inspect.rendezvous.coordination.coordinator import TABLE, Coordinator
+from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.coordination.escape import CommandedMotion
+from safe_inspect.rendezvous.coordination.reference import renew_reference, tide_of
+from safe_inspect.rendezvous.estimate import StateEstimate
+from safe_inspect.rendezvous.estimation.estimators import EstimatorRun
+from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.readings import Command, Readings
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+
+def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
+    """Return the limits for the planner in a scenario of a given length [m]."""
+    own = chaser.limits
+    same = ("speed", "planned_force", "force", "torque", "line_of_sight_rate", "cone")
+    return Limits(
+        **{name: getattr(own, name) for name in same},
+        keep_in=None if own.keep_in is None else np.array(own.keep_in),
+        radius=chaser.radius,
+        mass=chaser.mass,
+        cone_range=0.7 * length,
+        least_range=0.2 * length,
+    )
+
+
+class Pilot:
+    """The flight computer of one mission, which computes commands from readings.
+
+    Args:
+        config: Configuration of the pilot.
+        target: The known properties of the target.
+        estimator: The estimator of the mission.
+        streams: The random streams of the mission.
+        report: Called with the name and the data of each event.
+        changed: Called at every change of state with the state before, the guard and the state after.
+
+    Attributes:
+        context: The pilot's memory; it does not exist before the first readings.
+        followed: The tracker's output at the last call of `act`, and the position [m] and velocity [m/s] in W that it
+            follows, shape (6,).
+        estimator: The estimator.
+    """
+
+    context: MissionContext
+    followed: tuple[TrackerOutput, FloatArray]
+
+    def __init__(
+        self,
+        config: PilotConfig,
+        target: Target,
+        estimator: EstimatorRun,
+        streams: Streams,
+        report: Callable[[str, dict[str, Any]], None],
+        changed: Callable[[Phase, str, Phase], None],
+    ) -> None:
+        self._config, self._target, self._streams = config, target, streams
+        self._report, self._report_change = report, changed
+        self.estimator = estimator
+        chaser = config.chaser
+        self._controller = AttitudeController(np.array(chaser.inertia), chaser.limits.torque)
+        self._pointing: CameraPointing | None = None
+        self._coordinator = Coordinator(TABLE, self._changed)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the mission has ended at the mating point according to the estimate."""
+        return self._coordinator.state is Phase.DONE
+
+    def act(self, readings: Readings) -> Command | None:
+        """Return the command to hold for a control step; None at the end of the mission.
+
+        Args:
+            readings: The measurements since the last call.
+        """
+        estimate = self.estimator.update(readings)
+        if self._pointing is None:
+            self._begin(readings, estimate)
+        self._sense(readings, estimate)
+        context = self.context
+        self._coordinator.step(context)
+        if self._coordinator.finished:
+            return None
+        self.followed = self._follow()
+        force = self.followed[0].force
+        command = Command(self._in_body(force), self._point())
+        context.motion.advance(force / self._config.chaser.mass, self._config.mission.step)
+        return command
+
+    def _in_body(self, force: FloatArray) -> FloatArray:
+        """Return a force in W as components along the axes of B in the middle of the control step [N], shape (3,).
+
+        The limit of the thrusters applies along the axes of B. A force beyond it is scaled down without a change of its
+        direction.
+        """
+        chaser, limit = self.context.estimate.chaser, self._config.chaser.limits.force
+        turn = quaternion.exp(0.5 * self._config.mission.step * chaser.angular_velocity)
+        acting = quaternion.rotate(quaternion.conjugate(quaternion.multiply(chaser.orientation, turn)), force)
+        return np.asarray(acting / max(1.0, float(np.abs(acting).max()) / limit))
+
+    def _changed(self, before: Phase, guard: str, after: Phase) -> None:
+        self._report_change(before, guard, after)
+        if after is not before:
+            self.context.phase, self.context.since = after, self.context.time
+
+    def _begin(self, readings: Readings, estimate: StateEstimate) -> None:
+        config, chaser = self._config, self._config.chaser
+        assert readings.start is not None, "the first readings must contain the chaser's state"
+        self._pointing = CameraPointing(readings.start.orientation)
+        axis = Axis(chaser.mass, config.mission.step)
+        own = chaser.limits
+        self.context = MissionContext(
+            config=config,
+            target=self._target,
+            limits=limits_of(chaser, config.mission.length),
+            axis=axis,
+            tracking_limits=TrackingLimits(own.force, own.tracking_speed, own.keep_in),
+            streams=self._streams,
+            hold=LQRTrackerRun(axis, own.force),
+            report=self._report,
+            readings=readings,
+            estimate=estimate,
+            motion=CommandedMotion.of(estimate),
+        )
+        self.context.hold_point = readings.start.position.copy()
+        self.context.demands = PlanDemands.first(config.mission.length)
+
+    def _sense(self, readings: Readings, estimate: StateEstimate) -> None:
+        """Update the context from new readings and their estimate."""
+        context, mission = self.context, self._config.mission
+        before = context.estimate.updated
+        context.readings, context.estimate, context.time = readings, estimate, readings.time
+        context.step = round(readings.time / mission.step)
+        if "camera" not in readings.silent:
+            context.camera_time = context.time
+        if "imu" not in readings.silent:
+            context.imu_time = context.time
+        if estimate.updated != before:
+            context.motion, context.poses = CommandedMotion.of(estimate), context.poses + 1
+        elif guards.unseen(context):
+            context.poses = 0
+        is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
+        if is_slot and context.following is not None and estimate.updated != before:
+            renew_reference(context)
+        if is_slot and context.following is not None:
+            actions.renew_escape(context)
+        elif is_slot and context.phase is Phase.RETREAT:
+            actions.keep_escape(context)
+        self._check_settled()
+
+    def _check_settled(self) -> None:
+        context, mission = self.context, self._config.mission
+        if context.phase is not Phase.MP_HOLD or context.following is None:
+            context.settled_since = None
+            return
+        reference = context.following.reference
+        k = min(context.step - context.following.first_step, len(reference.position) - 1)
+        chaser = context.estimate.chaser
+        near = (
+            np.linalg.norm(chaser.position - reference.position[k]) < mission.hold_position
+            and np.linalg.norm(chaser.velocity - reference.velocity[k]) < mission.hold_speed
+            and context.pointing_error < mission.hold_angle
+        )
+        if not near:
+            context.settled_since = None
+        elif context.settled_since is None:
+            context.settled_since = context.time
+
+    def _follow(self) -> tuple[TrackerOutput, FloatArray]:
+        """Return the tracker's output and the state that it follows, shape (6,)."""
+        context, x = self.context, self.context.estimate.translation
+        following = context.following
+        if following is not None:
+            k = min(context.step - following.first_step, len(following.reference.position) - 1)
+            is_solved = not context.fails("solver")
+            output = (following.tracker if is_solved else context.hold).step(x, following.reference, k)
+            context.infeasible = 0 if is_solved and output.feasible else context.infeasible + 1
+            context.nominal = output.nominal
+            return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
+        if context.phase is Phase.DEPART:
+            return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
+        times = context.time + self._config.mission.step * np.arange(2.0)
+        position, velocity = context.hold_point[None].repeat(2, axis=0), np.zeros((2, 3))
+        if context.phase is Phase.RETREAT and context.escape is not None:
+            position, velocity = context.escape.at(times)
+            position = position + context.estimate.target.position
+        tide = tide_of(self._config.mission.mean_motion, times, position - context.estimate.target.position)
+        reference = TrackedReference(position, velocity, tide)
+        return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
+
+    def _push(self) -> TrackerOutput:
+        """Return the force for the rest of a departure's push, limited to what one control step can apply."""
+        context, chaser = self.context, self._config.chaser
+        per_step = self._config.mission.step / chaser.mass
+        force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
+        context.push = context.push - per_step * force
+        return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
+
+    def _point(self) -> FloatArray:
+        """Return the torque that points the camera at its aim [N m], shape (3,).
+
+        It is zero while the inertial unit is silent, because the estimate then assumes a free rotation.
+        """
+        context, chaser = self.context, self.context.estimate.chaser
+        position = context.motion.position if context.phase is Phase.DEPART else chaser.position
+        assert self._pointing is not None, "the first readings must come before the camera is pointed"
+        command = self._pointing.step(position, context.aim(), self._config.mission.step)
+        error = quaternion.multiply(quaternion.conjugate(command.orientation), chaser.orientation)
+        context.pointing_error = float(np.linalg.norm(quaternion.log(error)))
+        if context.imu_time < context.time:
+            return np.zeros(3)
+        return self._controller(chaser.orientation, chaser.angular_velocity, command)

@@ -1,0 +1,245 @@
+"""Estimation of the target's motion from a history: initial guesses, the best fit, and observability."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, rotate, to_matrix
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.rendezvous.estimation.fit import (
+    MEDIAN_SIZE,
+    Fit,
+    FitOptions,
+    Motion,
+    edge_residuals,
+    fit_motion,
+    logits_of,
+    ratios_of,
+    turned_by_bias,
+)
+from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.polhode import Polhode, angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, skew
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+from safe_inspect.units import NonNegativeDuration, PositiveDuration, quantity
+
+#: Minimum number of frames to which a motion is fitted.
+LEAST_FRAMES = 8
+#: Numbers of evaluations for trying a start and for updating a known motion.
+_TRIAL, _WARM = 15, 8
+#: Ratio s6 / s5 of the singular values above which other starts are tried too.
+_DOUBTFUL = 0.3
+#: Inertia ratios that are assumed if neither the target nor its motion determines them.
+_GENERIC = np.array([0.5, 0.8])
+#: Standard deviations of the logits about the prior if they are not observable, for a known and an unknown body.
+_HELD, _UNKNOWN = 0.05, 2.0
+#: Standard deviation of the logits that only makes them finite, and largest logit of a start or a prior.
+_WIDE, _MOST = 20.0, 8.0
+#: Two principal moments count as different if their ratio is this many standard deviations away from 1.
+_DIFFERENT = 3.0
+#: Standard deviation of the axes above which they count as not observed [rad].
+_LARGEST_AXES = 0.2
+#: The edges to every n-th frame are held out to compare motions; number of the newest edges that indicate a change.
+_HELD_OUT, _RECENT = 5, 8
+
+
+class PolhodeCharacteriser(Plugin):
+    """Characteriser that finds principal axes from the polhode and fits a free rigid body to all measured rotations.
+
+    Attributes:
+        span: Minimum time between two attitudes from which a rate is computed [s].
+        window: Length of the smoothing window over the rates [s].
+        use_model: Whether to use poses relative to the known model, and its principal axes, in the fit.
+        telescoping: Fraction of an edge's variance that is due to the views of its two frames and cancels along a
+            chain.
+        memory: Correlation time of the errors of poses relative to the model [s]; 0 for independent errors.
+        drift: Standard deviation of the error of the gyroscopes' estimated bias [rad/s]; 0 if the bias is known.
+    """
+
+    span: PositiveDuration = 1.0  # type: ignore[valid-type]
+    window: PositiveDuration = 5.0  # type: ignore[valid-type]
+    use_model: bool = True
+    telescoping: float = Field(default=0.5, ge=0.0, lt=1.0)
+    memory: NonNegativeDuration = 6.0  # type: ignore[valid-type]
+    drift: quantity("rad/s", ge=0) = 5e-5  # type: ignore[valid-type]
+
+    def __call__(
+        self, history: History, target: Target | None, before: Motion | None, model: FloatArray | None
+    ) -> TargetEstimate | None:
+        """Return the motion of the target, or None if there are too few measurements.
+
+        Args:
+            history: The measured rotations.
+            target: The target, None if it is not known.
+            before: The motion found before, None without one.
+            model: q_GM of the known model, shape (4,), None if it is not known.
+        """
+        known = KnownBody()
+        if target is not None:
+            known = KnownBody(
+                target.principal[:2] / target.principal[2], from_matrix(target.R_MT) if self.use_model else None
+            )
+        return self.characterise(history, known, before, model if self.use_model else None)
+
+    def characterise(
+        self, history: History, known: KnownBody, before: Motion | None = None, model: FloatArray | None = None
+    ) -> TargetEstimate | None:
+        """Return the motion at the last frame, or None if there are too few measurements.
+
+        Args:
+            history: The edges and attitudes.
+            known: Known properties of the body.
+            before: The motion found before, from which the fit starts; None to find the start from the rates.
+            model: q_GM of the known model, shape (4,), which determines the directions of the axes; None without one.
+        """
+        times, glued = history.in_inertial
+        if len(times) < LEAST_FRAMES or len(history.first) < LEAST_FRAMES:
+            return None
+        middle, rates = angular_velocities(times, glued, self.span, self.window)
+        if len(middle) < 7:
+            return None
+        shown = principal_axes_of_motion(middle, rates)
+        if before is not None:
+            fitting = self.fitting(known, _WARM, held=not shown.observable, warm=True)
+            fit = fit_motion(history, before.at(float(history.times[0])), fitting)
+        else:
+            starts = _starts(history, shown, glued[0], (middle, rates), known, model)
+            fit = _best(history, starts, self.fitting(known, 40), self.fitting(known, _TRIAL))
+        observable = shown.observable and _has_three_axes(fit)
+        if not observable and (before is None or shown.observable):
+            fit = fit_motion(history, fit.motion, self.fitting(known, _TRIAL, held=True))
+        aligned = model is not None or (known.q_MT is not None and bool((history.first == MODEL).any()))
+        return _estimate(history, fit, shown, observable, aligned=aligned)
+
+    def fitting(self, known: KnownBody, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
+        """Return the options of a fit.
+
+        Args:
+            known: Known properties of the body.
+            evaluations: Maximum number of evaluations of the solver.
+            held: Whether the ratios are constrained to those of the prior.
+            warm: See `FitOptions`.
+        """
+        sigma = (_UNKNOWN if known.ratios is None else _HELD) if held else _WIDE
+        prior = np.clip(logits_of(_GENERIC if known.ratios is None else known.ratios), -_MOST, _MOST)
+        return FitOptions((prior, sigma), known.q_MT, self.telescoping, self.memory, self.drift, evaluations, warm)
+
+
+class KnownBody(NamedTuple):
+    """Known properties of the target's body.
+
+    Attributes:
+        ratios: k1 and k2, which are used if the motion does not determine them, shape (2,); None for an unknown body.
+        q_MT: Principal axes in the model, shape (4,); None if poses relative to the model are not used.
+    """
+
+    ratios: FloatArray | None = None
+    q_MT: FloatArray | None = None  # noqa: N815
+
+
+def _has_three_axes(fit: Fit) -> bool:
+    """Return whether the axes are known and their moments differ.
+
+    Otherwise the body has an axis of symmetry, and the other two axes are arbitrary. With ``k2 = (1 + s(a)) / 2`` the
+    ratio (1 - k2) / sigma(k2) is 1 / (s(a) sigma(a)); likewise for k1 and k2 with b.
+    """
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    share = 1.0 / (1.0 + np.exp(-np.clip(fit.motion.logits, -_MOST, _MOST)))
+    return bool((_DIFFERENT * share * sigmas[6:8] < 1.0).all() and sigmas[:3].max() < _LARGEST_AXES)
+
+
+def _starts(
+    history: History,
+    shown: Polhode,
+    q_WG: FloatArray,  # noqa: N803
+    measured: tuple[FloatArray, FloatArray],
+    known: KnownBody,
+    model: FloatArray | None,
+) -> list[Motion]:
+    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses."""
+    middle, rates = measured
+    time = float(history.times[0])
+    first = np.array([np.interp(time, middle, column) for column in rates.T])
+    ratios = _GENERIC if known.ratios is None else known.ratios
+    frames: list[tuple[FloatArray, FloatArray]] = []
+    expected = None
+    if model is not None and known.q_MT is not None:
+        expected = multiply(model, known.q_MT)
+        frames.append((to_matrix(expected), ratios))
+    if np.isfinite(shown.ratios).all():
+        frames.append((shown.axes, shown.ratios))
+    if not shown.observable or shown.singular[0] > _DOUBTFUL:
+        frames += [(shown.axes[:, np.roll(np.arange(3), shift)], ratios) for shift in range(3)]
+        along = rates.mean(axis=0) / np.linalg.norm(rates.mean(axis=0))
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across /= np.linalg.norm(across)
+        third = np.cross(along, across)
+        frames += [
+            (np.stack((third, -across, along), axis=1), ratios),
+            (np.stack((along, across, third), axis=1), ratios),
+        ]
+    starts = []
+    for axes, own in frames:
+        turned = axes
+        if expected is not None:
+            candidates = axes @ HALF_TURNS
+            turned = candidates[np.einsum("nij,ij->n", candidates, to_matrix(expected)).argmax()]
+        q_GT = from_matrix(turned)  # noqa: N806
+        starts.append(Motion(time, multiply(q_WG, q_GT), rotate(conjugate(q_GT), first), logits_of(own)))
+    return starts
+
+
+def _best(history: History, starts: list[Motion], options: FitOptions, trial: FitOptions) -> Fit:
+    """Return the fit to all edges from the start whose trial fit predicts held-out edges best."""
+    if len(starts) == 1:
+        return fit_motion(history, starts[0], options)
+    held = history.second % _HELD_OUT == 0
+    shown = history.without(held)
+    # The derivative of a logit vanishes outside of the clipped range.
+    within = [start._replace(logits=np.clip(start.logits, -_MOST, _MOST)) for start in starts]
+    trials = [fit_motion(shown, start, trial) for start in within]
+    scores = [_soft_square(edge_residuals(history, found.motion, trial)[held]) for found in trials]
+    return fit_motion(history, trials[int(np.argmin(scores))].motion, options)
+
+
+def _soft_square(residuals: FloatArray) -> float:
+    """Return the mean soft square of residuals in standard deviations, shape (n, 3)."""
+    return float((2.0 * (np.sqrt(1.0 + (residuals**2).sum(axis=1)) - 1.0)).mean())
+
+
+def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, aligned: bool) -> TargetEstimate:
+    time = float(history.times[-1])
+    motion = fit.motion.at(time)
+    used = fit.residuals[fit.used]
+    misfit = float(np.sqrt((used**2).mean())) if len(used) else 0.0
+    known = np.abs(fit.residuals).sum(axis=1) > 0.0
+    newest = np.linalg.norm(fit.residuals[known][-_RECENT:], axis=1)
+    # The fit absorbs slow errors, so that small residuals do not mean that the edges are better than they state.
+    scale = max(fit.spread, 1.0) ** 2
+    # Until the last frame, the drift has rotated the back end's frame W, in which the chaser's attitude is given.
+    turned = turned_by_bias(history)[-1]
+    orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
+    transition = np.zeros((8, 11))
+    transition[:, :8] = fit.motion.transition(time)
+    transition[:3, 8:] = -to_matrix(motion.orientation).T @ turned
+    transition[3:6, 8:] = -skew(motion.angular_velocity) @ transition[:3, 8:]
+    axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
+    q_WG = multiply(history.chaser[0], conjugate(history.glued[0]))  # noqa: N806 - G is B at the first frame
+    return TargetEstimate(
+        time=time,
+        orientation=orientation,
+        angular_velocity=motion.angular_velocity,
+        ratios=ratios_of(motion.logits),
+        q_GT=multiply(conjugate(q_WG), fit.motion.orientation),
+        covariance=scale * transition @ fit.covariance @ transition.T,
+        axes_sigma=float(axes),
+        observable=observable,
+        aligned=aligned,
+        misfit=misfit,
+        recent_misfit=float(np.median(newest)) / MEDIAN_SIZE if len(newest) else 0.0,
+        singular=shown.singular,
+    )

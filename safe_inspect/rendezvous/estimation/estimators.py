@@ -1,0 +1,288 @@
+"""Estimators: the plugin kind, its context, one for measured states, and one for frames and inertial samples."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Protocol
+
+import numpy as np
+from pydantic import Field
+
+from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.estimate import (
+    UNKNOWN,
+    BodyState,
+    EstimateErrors,
+    JointErrors,
+    StateEstimate,
+    unknown_estimate,
+)
+from safe_inspect.rendezvous.estimation.change import ActuatorResponse, ExpectedMotion, covariance_at
+from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
+from safe_inspect.rendezvous.estimation.history import TargetEstimate
+from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.models import ChaserConfig
+from safe_inspect.rendezvous.poses import pose
+from safe_inspect.rendezvous.readings import Reading, Readings
+from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, no_frame
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: Number of control steps for which the motion is predicted at once.
+_PREDICTED = 5
+#: A motion is first accepted when the standard deviation of its attitude is below this [rad]. A covariance describes
+#: only rotations close to the estimate: fits of a few seconds with strong noise can have the target turn the other way.
+_FIRST_ATTITUDE = np.deg2rad(20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorContext:
+    """Properties of chaser, target and sensors that are known before a mission.
+
+    Attributes:
+        target: The target.
+        chaser: The chaser: its mass, inertia, and documented errors of its actuators.
+        step: Control period, at which an estimator is called [s].
+        camera: Geometry of the depth camera.
+        T_BC: Pose of the camera in B, shape (4, 4).
+        frame_period: Time between two frames [s].
+        imu: Errors of the inertial unit.
+        imu_period: Time between two of its samples [s].
+        streams: Random streams that only the estimator uses.
+    """
+
+    target: Target
+    chaser: ChaserConfig
+    step: float
+    camera: DepthCamera
+    T_BC: FloatArray
+    frame_period: float
+    imu: ImuNoise
+    imu_period: float
+    streams: Streams
+
+
+class EstimatorRun(Protocol):
+    """The estimator of one mission."""
+
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; called once for each control step.
+
+        Args:
+            readings: The measurements since the last call.
+        """
+
+
+class StateEstimator(Plugin):
+    """Base class of estimators of the states of chaser and target."""
+
+    kind: ClassVar[str] = "state_estimator"
+
+    @abstractmethod
+    def __call__(self, context: EstimatorContext) -> EstimatorRun:
+        """Return the estimator of a mission."""
+
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """The kinds of measurements that the estimator reads; the others are not simulated."""
+        return ("frames", "inertial")
+
+
+class _MeasuredStateRun:
+    """Estimator of one mission; between two measurements it predicts the target as a free body.
+
+    Args:
+        context: Context of the estimator.
+    """
+
+    def __init__(self, context: EstimatorContext) -> None:
+        self._inertia, self._step = context.target.principal, context.step
+        self._last: StateEstimate | None = None
+        # Prediction from the last measurement for a few calls, and the number of the first of these calls.
+        self._first = -1
+        self._predicted = (np.empty((0, 4)), np.empty((0, 3)))
+
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; see `EstimatorRun`."""
+        time, state = readings.time, readings.state
+        assert state is not None, "`MeasuredState.reads` requires the state"
+        if state.target is not None:
+            self._last = StateEstimate(
+                time, time, state.chaser, state.target, self._inertia, state.errors, state.correlation
+            )
+            self._first = -1
+        last = self._last
+        if last is None:
+            return unknown_estimate(time, 0.0, state.chaser, self._inertia, state.correlation)
+        calls = round((time - last.time) / self._step)
+        first = calls - calls % _PREDICTED
+        if first != self._first:
+            self._first = first
+            steps = np.arange(first, first + _PREDICTED, dtype=np.float64)
+            self._predicted = last.predict(last.time + self._step * steps)
+        q, w = self._predicted[0][calls - first], self._predicted[1][calls - first]
+        target = BodyState(last.target.position, last.target.velocity, q, w)
+        return replace(last, time=time, chaser=state.chaser, target=target)
+
+
+class MeasuredState(StateEstimator):
+    """Estimator that returns the states measured by ``sensors.state``, with free motion of the target in between."""
+
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """The kinds of measurements that the estimator reads."""
+        return ("state",)
+
+    def __call__(self, context: EstimatorContext) -> _MeasuredStateRun:
+        """Return the estimator of a mission."""
+        return _MeasuredStateRun(context)
+
+
+class _PipelineEstimatorRun:
+    """Estimator of one mission that runs the pipeline on its readings.
+
+    Args:
+        context: Context of the estimator.
+        parts: Components of the pipeline.
+        correlation: Correlation of the errors of two consecutive updates.
+    """
+
+    def __init__(self, context: EstimatorContext, parts: PipelineParts, correlation: float) -> None:
+        self._context, self._parts, self._correlation = context, parts, correlation
+        self.pipeline: EstimationPipeline | None = None
+        self._response = ActuatorResponse(context.chaser, context.step)
+        self._errors, self._renewed = UNKNOWN, -np.inf
+        self._rate = np.zeros(3)
+
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; see `EstimatorRun`."""
+        if self.pipeline is None:
+            assert readings.start is not None, "the first readings contain the chaser's state"
+            at_start = pose(to_matrix(readings.start.orientation), readings.start.position)
+            self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, readings.start.velocity))
+        if readings.command is not None:
+            self._move(self.pipeline, self._response.step(self._rate, readings.command), readings.samples)
+        if readings.frame is not None:
+            self.pipeline.see(readings.frame)
+        elif readings.start is not None:
+            self.pipeline.see(no_frame(readings.time))  # the chaser's motion is integrated from here on
+        is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
+        if is_due:
+            self._renewed = readings.time
+        estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
+        self._rate = estimate.chaser.angular_velocity
+        return estimate
+
+    def _move(
+        self, pipeline: EstimationPipeline, expected: ExpectedMotion, samples: tuple[InertialSample, ...]
+    ) -> None:
+        """Propagate a control step by the inertial unit, or by the command if the unit gives no samples."""
+        if not samples:
+            pipeline.coast(self._context.step, expected.mean)
+            return
+        pipeline.check_biases(samples, expected, self._context.step)
+        for sample in samples:
+            pipeline.measure(sample.acceleration, sample.rate, self._context.imu_period)
+
+    def _estimate(self, pipeline: EstimationPipeline, time: float, *, renew: bool) -> StateEstimate:
+        T_WB, velocity, rate = pipeline.now()  # noqa: N806
+        chaser = BodyState(T_WB[:3, 3].copy(), velocity, from_matrix(T_WB[:3, :3]), rate)
+        graph, found = pipeline.graph, pipeline.target
+        centre = np.zeros(3) if graph is None else graph.centre
+        errors = UNKNOWN
+        if graph is not None and found is not None:
+            errors = _errors(found, graph, time) if renew or self._errors is UNKNOWN else self._errors
+            if self._errors is UNKNOWN and errors.attitude > _FIRST_ATTITUDE:
+                errors = UNKNOWN
+        self._errors = errors
+        if graph is None or found is None or errors is UNKNOWN:
+            inertia = self._context.target.principal
+            return unknown_estimate(time, pipeline.updated, chaser, inertia, self._correlation, centre)
+        q, w = found.predict(np.array([time]))
+        problem = "" if found.aligned else "the directions of the target's axes are not known"
+        alarm = "the target's motion has changed" if pipeline.changed else ""
+        return StateEstimate(
+            time=time,
+            updated=pipeline.updated,
+            chaser=chaser,
+            target=BodyState(centre, np.zeros(3), q[0], w[0]),
+            inertia=found.inertia,
+            errors=errors,
+            correlation=self._correlation,
+            problem=alarm or problem,
+            alarm=alarm,
+            mismatch=pipeline.mismatch,
+        )
+
+
+def _errors(found: TargetEstimate, graph: GraphEstimate, time: float) -> EstimateErrors:
+    """Return the errors at a time: the joint covariance, and the largest standard deviation of each quantity."""
+    covariance = covariance_at(found, time)
+    rotation = graph.chaser[:3, :3]
+    centre = rotation @ graph.centre_covariance @ rotation.T
+    joint = np.zeros((14, 14))
+    order = [6, 7, 0, 1, 2, 3, 4, 5]
+    joint[:8, :8] = covariance[np.ix_(order, order)]
+    joint[8:11, 8:11], joint[11:, 11:] = centre, graph.velocity_covariance
+    attitude, rate, inertia = (largest_sigma(covariance[k, k]) for k in (slice(3), slice(3, 6), slice(6, 8)))
+    return JointErrors(
+        attitude,
+        rate,
+        largest_sigma(centre),
+        inertia,
+        0.0,
+        largest_sigma(graph.velocity_covariance),
+        0.5 * (joint + joint.T),
+    )
+
+
+class PipelineEstimator(StateEstimator):
+    """Estimator from depth frames and an inertial unit, with a factor graph and a fit of the target's motion.
+
+    Attributes:
+        front_end: Computes relative poses from frames.
+        back_end: Estimates states from relative poses and inertial samples.
+        characteriser: Estimates the target's motion from the history.
+        correlation: Correlation of the errors of two consecutive updates.
+        known_target: Whether the target's shape and inertia are known.
+    """
+
+    front_end: Annotated[
+        functor_field("front_end"),  # type: ignore[valid-type]
+        Field(default="ModelFrontEnd", validate_default=True),
+    ]
+    back_end: ISAM2BackEnd = ISAM2BackEnd()
+    characteriser: PolhodeCharacteriser = PolhodeCharacteriser()
+    correlation: float = Field(default=0.9, ge=0.0, lt=1.0)
+    known_target: bool = True
+
+    @property
+    def reads(self) -> tuple[Reading, ...]:
+        """The kinds of measurements that the estimator reads."""
+        return (self.front_end.reads, "inertial")
+
+    def __call__(self, context: EstimatorContext) -> _PipelineEstimatorRun:
+        """Return the estimator of a mission."""
+        target = context.target if self.known_target else None
+        seen = FrontEndContext(context.camera, context.T_BC, target, context.streams)
+        parts = self.parts(seen, context.imu, context.imu_period)
+        return _PipelineEstimatorRun(context, parts, self.correlation)
+
+    def parts(self, context: FrontEndContext, imu: ImuNoise, imu_period: float) -> PipelineParts:
+        """Return the components of the pipeline of a mission or a recording.
+
+        Args:
+            context: What the front end is created with.
+            imu: Errors of the inertial unit.
+            imu_period: Time between two of its samples [s].
+        """
+        front_end, target = self.front_end(context), context.target
+        return PipelineParts(front_end, self.back_end, self.characteriser, target, context.T_BC, imu, imu_period)

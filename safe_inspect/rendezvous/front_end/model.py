@@ -1,0 +1,259 @@
+"""Front end for a known shape, whose errors do not accumulate over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior, acquire
+from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+from safe_inspect.units import NonNegativeLength, PositiveLength
+
+#: Frames with fewer points are not used, and not searched without a prediction.
+_LEAST_POINTS, _SEARCH_POINTS = 150, 300
+#: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
+_LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
+#: Maximum difference of an accepted pose from the prediction [rad, m].
+_LARGEST_OFF = (np.deg2rad(25.0), 0.25)
+#: Standard deviations of the prediction of this front end and of that of the back end [rad, m].
+_PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
+#: Number of consecutive frames without a pose after which a hypothesis is dropped; without any left, the shape is
+#: searched again.
+_FAILURES = 3
+#: Number of possible poses above which a frame is too ambiguous to start with.
+_ALTERNATIVES = 4
+#: Difference of attitude within which a found pose is the expected one [rad].
+_EXPECTED_TURN = np.deg2rad(45.0)
+#: Poses whose scores exceed the best one by at most this much may be right too [m].
+_AMBIGUITY = 0.004
+#: Sum of the differences of scores over distinct views that rules a pose out at once [m]; number of distinct views from
+#: which a sixth of this sum suffices if the mean difference is more than four times its standard error; and the angle
+#: between two distinct views [rad].
+_MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
+#: Weight of a frame in the update of the pose of G in M, and the difference [rad, m] beyond which the pose is replaced.
+_PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
+
+
+def _is_beyond(off: FloatArray, limits: tuple[float, float]) -> bool:
+    """Return whether a tangent's rotation [rad] or translation [m] is longer than a limit."""
+    return bool(np.linalg.norm(off[:3]) > limits[0] or np.linalg.norm(off[3:]) > limits[1])
+
+
+@dataclass(eq=False)
+class _Hypothesis:
+    """Hypothesis of the shape's pose.
+
+    Attributes:
+        found: The newest registration.
+        first: Its registration at the first frame of the search.
+        first_number: Number of that frame.
+        motion: Predictor of its motion.
+        failures: Number of consecutive frames in which it did not fit.
+        score: Its score in the newest frame [m].
+        scores: Its scores at the distinct views [m].
+    """
+
+    found: Registration
+    first: Registration
+    first_number: int
+    motion: RelativeMotion
+    failures: int = 0
+    score: float = 0.0
+    scores: list[float] = field(default_factory=list)
+
+    @property
+    def total(self) -> float:
+        """Sum of the scores [m]."""
+        return sum(self.scores)
+
+
+class ModelFrontEnd(FrontEnd):
+    """Front end that registers each frame to the known shape of the target; its errors do not accumulate over time.
+
+    Points are fitted to the faces that look to the camera, and the shape to the frame's silhouette. The first pose is
+    found by a search over all attitudes. If the shape looks the same from several attitudes, further views decide
+    between them.
+
+    Attributes:
+        range_sigma: Constant part of the standard deviation of a measured range [m].
+        range_growth: Part at a range of 1 m that grows with the square of the range [m].
+    """
+
+    range_sigma: PositiveLength = 3e-3  # type: ignore[valid-type]
+    range_growth: NonNegativeLength = 1.5e-3  # type: ignore[valid-type]
+
+    def __call__(self, context: FrontEndContext) -> _ModelFrontEndRun:
+        """Return the front end for a mission.
+
+        Raises:
+            ConfigError: The target's shape is not known.
+        """
+        if context.target is None:
+            raise ConfigError("ModelFrontEnd needs the shape of the target; give a target, or use GicpSubmapFrontEnd")
+        registration = self.registration(context.target, context.camera, context.T_BC)
+        # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
+        return _ModelFrontEndRun(Cleaning(context.camera, edge=np.inf), registration, context.T_BC)
+
+    def registration(self, target: Target, camera: DepthCamera, T_BC: FloatArray) -> ModelRegistration:  # noqa: N803
+        """Return the registration of frames to a known target.
+
+        Args:
+            target: The target.
+            camera: Geometry of the camera.
+            T_BC: Pose of the camera in B, shape (4, 4).
+        """
+        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth)
+
+
+class _ModelFrontEndRun:
+    """Front end of one mission; it registers every frame to the known shape.
+
+    At first, all poses that look alike are tracked. While more than one remains, the pose relative to the first frame
+    of the search is returned: all of them give the same relative motion, without drift. Afterwards, poses relative to
+    the model are returned. If tracking is lost, a search follows in which poses close to the back end's prediction are
+    preferred.
+
+    Args:
+        cleaning: Cleans frames.
+        registration: Registers frames.
+        T_BC: Pose of the camera in B, shape (4, 4).
+    """
+
+    def __init__(
+        self,
+        cleaning: Cleaning,
+        registration: ModelRegistration,
+        T_BC: FloatArray,  # noqa: N803
+    ) -> None:
+        self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
+        self._hypotheses: list[_Hypothesis] = []
+        self._count = 0
+        self._view: FloatArray | None = None
+        self._T_MG: FloatArray | None = None
+
+    def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
+        """Return the pose relative to the model; while it is ambiguous, that relative to the search's first frame."""
+        number = self._count
+        self._count += 1
+        for hypothesis in self._hypotheses:
+            hypothesis.motion.turned(rotation)
+        cloud = self._cleaning(frame, self._T_BC)
+        if len(cloud) < _LEAST_POINTS:
+            self._fail(self._hypotheses)
+            return []
+        if self._hypotheses:
+            self._track(cloud, frame.time, predicted)
+        elif len(cloud) >= _SEARCH_POINTS:
+            self._search(cloud, frame.time, predicted)
+        if not self._hypotheses or self._hypotheses[0].failures:
+            return []
+        was_ambiguous = len(self._hypotheses) > 1
+        self._choose()
+        best = self._hypotheses[0]
+        edges = []
+        if was_ambiguous and best.first_number < number:
+            edges.append(self._since_first(best, number))
+        if len(self._hypotheses) == 1:
+            found = best.found
+            edges.append(Edge(MODEL, number, found.pose, found.covariance(), found.inliers, "model"))
+            if predicted is not None:
+                self._place(found, predicted)
+        return edges
+
+    def _fail(self, failed: list[_Hypothesis]) -> None:
+        """Count a frame in which hypotheses did not fit, and drop those that have failed too often in a row."""
+        for hypothesis in failed:
+            hypothesis.failures += 1
+        self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
+        if not self._hypotheses:
+            self._view = None
+
+    def _place(self, found: Registration, predicted: FloatArray) -> None:
+        """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
+        shown = found.pose @ inverse(predicted)
+        off = None if self._T_MG is None else difference(self._T_MG, shown)
+        if off is None or self._T_MG is None or _is_beyond(off, _FAR_OFF):
+            self._T_MG = shown
+        else:
+            self._T_MG = perturbed(self._T_MG, _PLACING * off)
+
+    def _registered(self, cloud: Cloud, start: FloatArray, expected: FloatArray | None) -> Registration:
+        """Return the registration that starts from the back end's prediction, or from `start` if that fits better.
+
+        The back end's prediction constrains directions that the frame does not, for instance along a face that fills
+        the image, where the prediction of the front end would drift. If they differ, the target may move differently
+        than the back end assumes.
+        """
+        starts = [] if expected is None else [(expected, _EXPECTATION)]
+        if expected is None or _is_beyond(difference(expected, start), _PREDICTION):
+            starts.append((start, _PREDICTION))
+        priors = [Prior(at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
+        tried = [self._registration(cloud, prior.pose, prior) for prior in priors]
+        return min(tried, key=lambda one: one.score)
+
+    def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
+        """Register the frame from the prediction of each hypothesis; for a single one also from the back end's."""
+        failed = []
+        expected = None
+        if len(self._hypotheses) == 1 and self._T_MG is not None and predicted is not None:
+            expected = self._T_MG @ predicted
+        for hypothesis in self._hypotheses:
+            start = hypothesis.motion.predict(time)
+            found = self._registered(cloud, start, expected)
+            off = difference(start, found.pose)
+            hypothesis.score = found.score
+            if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
+                hypothesis.found, hypothesis.failures = found, 0
+                hypothesis.motion.observe(time, found.pose)
+            else:
+                failed.append(hypothesis)
+        self._fail(failed)
+        self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
+
+    def _search(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
+        """Search for the shape without a prediction; do nothing if too many poses explain the frame."""
+        found = acquire(self._registration, cloud)
+        fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
+        if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
+            return
+        if self._T_MG is not None and predicted is not None:
+            expected = self._T_MG @ predicted
+            near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
+            fitting = near or fitting
+        self._hypotheses = [
+            _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
+        ]
+
+    def _choose(self) -> None:
+        """Record the scores at each distinct view and drop the hypotheses that are ruled out."""
+        view = self._hypotheses[0].found.pose[:3, :3]
+        if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < _VIEW_ANGLE:
+            return
+        self._view = view
+        for hypothesis in self._hypotheses:
+            hypothesis.scores.append(hypothesis.score)
+        self._hypotheses.sort(key=lambda one: one.total)
+        first = self._hypotheses[0]
+        self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]
+
+    def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
+        differences = np.array(one.scores) - np.array(best.scores)
+        total, count = float(differences.sum()), len(differences)
+        if total > _MARGIN:
+            return True
+        error = float(differences.std()) / np.sqrt(count)
+        return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
+
+    def _since_first(self, hypothesis: _Hypothesis, number: int) -> Edge:
+        """Return the edge from the first frame of the search, ``T_MB'^-1 T_MB``, with the errors of both poses."""
+        between, covariance = relative(hypothesis.first, hypothesis.found)
+        kind: Literal["odometry", "skip"] = "odometry" if number == hypothesis.first_number + 1 else "skip"
+        return Edge(hypothesis.first_number, number, between, covariance, hypothesis.found.inliers, kind)

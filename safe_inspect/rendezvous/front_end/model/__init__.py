@@ -1,1 +1,0 @@
-"""Registration of depth frames to the known shape of a target."""

@@ -1,0 +1,242 @@
+"""Registration of one depth frame to the known shape, and the search without a prediction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.rendezvous.front_end.base import Registration
+from safe_inspect.rendezvous.front_end.cleaning import Cloud
+from safe_inspect.rendezvous.front_end.faces import FrameView, RangeNoise, faces_of, surface_points
+from safe_inspect.rendezvous.front_end.model_kernel import FAR, add_silhouette_equations, face_equations
+from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
+from safe_inspect.rendezvous.sensors.tof import DepthCamera
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: A step shorter than this ends the iteration [rad, m].
+_CONVERGED = 2e-5
+#: Distance to a face beyond which points do not count [m].
+_CUT = 0.03
+#: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
+#: tracking and for a search.
+_SPACING, _COARSE_SPACING = 0.02, 0.08
+#: Minimum mean weighted square of the residuals: details that the boxes lack cause errors even without noise.
+_LEAST_EXCESS = 0.05
+#: Ratio of the variance of second-order errors (from points at wrong faces and points beyond the cut) to that of
+#: first-order errors at a mean weighted square of 1. Without it, the normalised squared errors of camera profiles
+#: differ by a factor of 4.
+_SECOND_ORDER = 10.0
+#: Standard deviations of the errors caused by details that the boxes lack, about the model's origin [rad, m]; the
+#: spread of the points, relative to the swept radius, above which the first holds; and the power by which it grows for
+#: a smaller spread: details rotate a small patch more, and fewer of them are averaged.
+_DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
+#: Poses whose attitudes differ by less count as the same [rad].
+_SAME = np.deg2rad(10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Prior of a pose.
+
+    Attributes:
+        pose: The expected T_MB, shape (4, 4).
+        information: Information matrix of the tangent from the right, shape (6, 6).
+    """
+
+    pose: FloatArray
+    information: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Normal equations of a frame at a pose; the tangent acts from the right.
+
+    Attributes:
+        hessian: Matrix of the equations, shape (6, 6).
+        gradient: Gradient of the cost, shape (6,).
+        score: Mean distance of the points to the shape plus that of the shape to the silhouette, each at most 5 cm [m].
+        inliers: Fraction of the points that are close to the shape.
+        excess: Mean weighted square of the residuals.
+    """
+
+    hessian: FloatArray
+    gradient: FloatArray
+    score: float
+    inliers: float
+    excess: float
+
+
+class ModelRegistration:
+    """Registration of frames to the boxes of a target: of points to faces, and of the shape to the silhouette.
+
+    Only faces that look to the camera are used: the rear face of a thin plate would attract points through the plate.
+    The silhouette constrains the shape in directions in which points do not, for instance along a box.
+
+    Args:
+        target: The target.
+        camera: Geometry of the camera.
+        T_BC: Pose of the camera in B, shape (4, 4).
+        sigma0: Constant part of the standard deviation of a range [m].
+        k: Coefficient of the part that grows with the square of the range [1/m].
+        cut: Distance to a face beyond which points do not count [m].
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        camera: DepthCamera,
+        T_BC: FloatArray,  # noqa: N803
+        sigma0: float,
+        k: float,
+        cut: float = _CUT,
+    ) -> None:
+        self.faces = faces_of(target.boxes)
+        self.samples = surface_points(self.faces, _SPACING * target.swept_radius)
+        self.coarse_samples = surface_points(self.faces, _COARSE_SPACING * target.swept_radius)
+        self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
+        self._T_BC, self._camera, self._whole = T_BC, camera, _WHOLE * target.swept_radius
+
+    def __call__(
+        self,
+        cloud: Cloud,
+        start: FloatArray,
+        prior: Prior | None = None,
+        *,
+        iterations: int = 12,
+        widening: float = 1.6,
+        coarse: bool = False,
+    ) -> Registration:
+        """Return the registration with the pose T_MB that fits a frame best, found by Gauss-Newton steps.
+
+        The score is the mean distance of the points to the shape plus that of the shape to the silhouette, each
+        distance at most 5 cm [m].
+
+        Args:
+            cloud: The cleaned frame.
+            start: Initial T_MB, shape (4, 4).
+            prior: Prior of the pose; it constrains directions that the frame does not.
+            iterations: Maximum number of steps.
+            widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
+            coarse: Whether to compare fewer points of the shape with the silhouette.
+        """
+        pose = start
+        base = np.zeros((6, 6)) if prior is None else prior.information
+        for step in range(iterations + 1):
+            found = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
+            if step == iterations:
+                break
+            offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
+            damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
+            move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
+            if np.abs(move).max() < _CONVERGED and step >= 3:
+                break
+            pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
+        # Details that the boxes lack shift the shape in its frame M, independently of the distance.
+        carry = adjoint(inverse(pose))
+        spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
+        turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0) ** _SPREAD_POWER
+        systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
+        excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
+        return Registration(pose, found.hessian, found.score, found.inliers, excess, systematic)
+
+    def linearise(self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False) -> Linearised:
+        """Return the normal equations of a frame at a pose.
+
+        Args:
+            cloud: The cleaned frame.
+            pose: T_MB, shape (4, 4).
+            widening: Factor of the cut.
+            coarse: Whether to compare fewer points of the shape with the silhouette.
+        """
+        hessian, gradient = np.zeros((6, 6)), np.zeros(6)
+        mount = self._T_BC
+        view = FrameView(
+            axes=np.ascontiguousarray(mount[:3, :3]),
+            origin=mount[:3, 3].copy(),
+            silhouette=cloud.silhouette,
+            outwards=cloud.outwards,
+            measured=cloud.nearest,
+            intrinsics=self._camera.intrinsics,
+            sigma=1.5,
+            cut=0.02,
+            least_cosine=0.25,
+            nearest=self._camera.least_range + FAR,
+            farthest=self._camera.largest_range - FAR,
+            noise=self._noise,
+        )
+        noise = self._noise._replace(cut=self._noise.cut * widening)
+        visible = self.faces.looks_to((pose @ mount)[:3, 3])
+        squares, distance, number, inliers = face_equations(
+            self.faces, visible, pose, cloud.points, cloud.rays, cloud.ranges, noise, hessian, gradient
+        )
+        samples = self.coarse_samples if coarse else self.samples
+        _, outside, seen, _ = add_silhouette_equations(samples, pose, view, hessian, gradient)
+        score = distance / max(number, 1) + outside / max(seen, 1)
+        excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
+        return Linearised(hessian, gradient, score, inliers / max(number, 1), excess)
+
+
+def _limited(tangent: FloatArray) -> FloatArray:
+    """Return a step scaled down so that no component exceeds 0.2 rad or 0.2 m."""
+    largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
+    return tangent / largest
+
+
+def _spread_rotations(count: int) -> FloatArray:
+    """Return rotations that are spread evenly over SO(3), shape (count, 3, 3).
+
+    Source:
+        Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", CVPR 2022.
+    """
+    s = np.arange(count) + 0.5
+    r, big = np.sqrt(s / count), np.sqrt(1.0 - s / count)
+    alpha, beta = 2.0 * np.pi * s / np.sqrt(2.0), 2.0 * np.pi * s / 1.533751168755204288118041
+    q = np.stack([r * np.sin(alpha), r * np.cos(alpha), big * np.sin(beta), big * np.cos(beta)], axis=1)
+    return to_matrix(q)
+
+
+def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600, kept: int = 6) -> list[Registration]:
+    """Return the poses that explain a frame, best first, none within 10 degrees of a better one.
+
+    For each rotation of a grid, the centroid of the shape's visible points is placed at the centroid of the frame, and
+    two steps of the registration are done with few points. The best quarter gets more steps. The best of those are
+    registered with all points and up to 25 steps, and so is the very best rotated by half a turn about each axis of M.
+
+    Args:
+        registration: Registers frames to the shape.
+        cloud: The cleaned frame.
+        rotations: Size of the grid; with 600, neighbours are 25 degrees apart.
+        kept: Maximum number of poses.
+    """
+    by_score, coarse = attrgetter("score"), cloud.thinned(250)
+    centroid, samples = cloud.points.mean(axis=0), registration.coarse_samples
+    toward = -centroid / np.linalg.norm(centroid)
+    found = []
+    for R_MB in _spread_rotations(rotations):  # noqa: N806
+        shown = samples.points[samples.normals @ (R_MB @ toward) > 0.2]
+        start = pose(R_MB, shown.mean(axis=0) - R_MB @ centroid)
+        found.append(registration(coarse, start, iterations=2, widening=2.5, coarse=True))
+    found = sorted(found, key=by_score)[: rotations // 4]
+    found = [registration(coarse, one.pose, iterations=4, widening=2.0, coarse=True) for one in found]
+    poses = [one.pose for one in _distinct(sorted(found, key=by_score), 3 * kept)]
+    refined = [registration(cloud, one, iterations=25, widening=2.5) for one in poses]
+    # A pose that looks like the true one most often differs by half a turn about one of the axes.
+    turned = [pose(turn, np.zeros(3)) @ min(refined, key=by_score).pose for turn in HALF_TURNS[1:]]
+    refined += [registration(cloud, one, iterations=25, widening=2.5) for one in turned]
+    return _distinct(sorted(refined, key=by_score), kept)
+
+
+def _distinct(ordered: list[Registration], count: int) -> list[Registration]:
+    """Return at most `count` registrations, in order, whose attitudes differ from all earlier ones."""
+    kept: list[Registration] = []
+    for one in ordered:
+        turns = (other.pose[:3, :3].T @ one.pose[:3, :3] for other in kept)
+        if all(np.linalg.norm(rotation_log(turn)) > _SAME for turn in turns):
+            kept.append(one)
+        if len(kept) == count:
+            break
+    return kept

@@ -1,0 +1,247 @@
+"""Checks of an experiment before a mission is flown: values that are valid each but do not match each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from safe_inspect.config.loading.located import LocatedDict, locate, path_text
+from safe_inspect.config.models.fields import written_values
+from safe_inspect.dynamics.quaternion import rotate
+from safe_inspect.dynamics.tumble import angular_acceleration, largest_rate, tumble
+from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.coordination.context import clearance
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
+from safe_inspect.rendezvous.plugins import PipelineEstimator
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.types import FloatArray
+
+#: Largest rotation of the target from frame to frame that estimation was tested with [rad]; tests flew 8 deg/s at 1 Hz.
+_LARGEST_TURN = np.deg2rad(10.0)
+#: Time between the last inertial sample and a frame in which a pose moves by less than its error [s].
+_LARGEST_LAG = 0.01
+#: Times at which the mating point's motion is evaluated [s].
+_TIMES = np.arange(0.0, 600.0, 1.0)
+#: Units for which a user may have meant degrees where a number has no unit.
+_ANGLES = ("rad", "rad/s")
+#: Time in which the chaser must be able to reach the target: an hour [s].
+_HOUR = 3600.0
+#: Largest number of missions whose tumbles are sampled for the checks.
+_MOST_DRAWN = 100
+
+
+def checked_target(config: RendezvousConfig) -> Target:
+    """Return the target of an experiment after checking that the chaser can reach its mating point.
+
+    Raises:
+        ConfigError: The target is not a rigid body, or its mating point is out of reach at every attitude.
+    """
+    chaser = config.chaser
+    try:
+        target: Target = config.target()
+        principal = target.principal
+    except ConfigError as error:  # The mistake is in a file, which is not a key of the experiment.
+        problems = [replace(problem, path=problem.path or "target.config") for problem in error.problems]
+        raise ConfigError(problems) from None
+    except ValueError as error:
+        raise ConfigError(Problem(str(error), "target.config")) from None
+    point, path = target.mating_point, "target.config.mating_point"
+    distance = float(np.linalg.norm(point))
+    if not np.isfinite(principal).all() or not distance > 0.0:
+        raise ConfigError(Problem("the mating point is the target's centre of mass", path, hint="give a point outside"))
+    spare = float(target.boxes.distance((target.R_MT @ point)[None])[0]) - chaser.radius
+    if spare < 0.0:
+        raise ConfigError(
+            Problem(
+                f"the chaser, a sphere of {chaser.radius:g} m, would overlap the target by {-spare:.3g} m there",
+                path,
+                hint="move the point outwards",
+            )
+        )
+    box = chaser.limits.keep_in
+    if box is not None and distance > np.linalg.norm(box):
+        raise ConfigError(
+            Problem(
+                f"the point is {distance:.3g} m from the centre of mass, farther than any corner of the keep-in box",
+                path,
+                hint="move the point inwards, or enlarge chaser.limits.keep_in",
+            )
+        )
+    return target
+
+
+def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarray) -> None:
+    """Check that the chaser does not touch the target at the start.
+
+    Args:
+        config: The experiment.
+        target: The target of the experiment.
+        orientation: The target's attitude q_WT at the start, shape (4,).
+
+    Raises:
+        ConfigError: The chaser overlaps the target.
+    """
+    body = BodyState(np.zeros(3), np.zeros(3), orientation, np.zeros(3))
+    spare = clearance(target, np.array(config.chaser.position), body, config.chaser.radius)
+    if spare < 0.0:
+        message = f"the chaser would overlap the target by {-spare:.3g} m at the start"
+        raise ConfigError(Problem(message, "chaser.position", hint="start farther away"))
+
+
+def mission_streams(config: RendezvousConfig, number: int) -> Streams:
+    """Return the random streams of a mission."""
+    return Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+
+
+def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
+    """Check an experiment before it is flown, and return its doubtful values, each with its location.
+
+    Args:
+        experiment: The experiment.
+        missions: Number of missions; the tumbles of at most the first hundred are sampled.
+
+    Raises:
+        ConfigError: The experiment cannot be flown; the error states the location of the value.
+    """
+    config, tree = experiment.config, experiment.tree
+    try:
+        target = checked_target(config)
+        draws = [config.tumble(mission_streams(config, number)) for number in range(min(missions, _MOST_DRAWN))]
+        attitudes, rates = (np.array(values) for values in zip(*draws, strict=True))
+        check_start(config, target, attitudes[0])
+        _check_rates(config, target, rates)
+        doubts = [*_sensor_doubts(config, target, rates), *_motion_doubts(config, target, attitudes, rates)]
+    except ConfigError as error:
+        raise ConfigError([_placed(problem, tree) for problem in error.problems]) from None
+    return [*(_placed(doubt, tree) for doubt in doubts), *_bare_angles(tree)]
+
+
+def _placed(problem: Problem, tree: LocatedDict) -> Problem:
+    if problem.location is not None or not problem.path:
+        return problem
+    return replace(problem, location=locate(tree, problem.path.split(".")))
+
+
+def _bare_angles(tree: LocatedDict) -> Iterator[Problem]:
+    """Yield a problem for each number without a unit that is read as radians but may be meant as degrees."""
+    for path, value, symbol in written_values("units", tree, RendezvousConfig):
+        if symbol in _ANGLES and isinstance(value, (int, float)) and value != 0.0:
+            degrees = f"{np.rad2deg(value):.4g} {symbol.replace('rad', 'deg')}"
+            message = f"{value:g} has no unit and is read as {value:g} {symbol}, which is {degrees}"
+            yield Problem(message, path_text(path), locate(tree, path), "write the unit")
+
+
+def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) -> None:
+    """Check that the control step is short enough for the motion, and that the chaser can reach the target at all.
+
+    Raises:
+        ConfigError: The control step is too long, or the chaser cannot reach the target.
+    """
+    chaser, step, length = config.chaser, config.mission.step, config.mission.length
+    limits = chaser.limits
+    turn = max(math.hypot(*rate) for rate in rates) * step
+    way = math.hypot(*chaser.position) - math.hypot(*target.mating_point)
+    # The chaser accelerates as much as it can over half of the distance, and decelerates over the rest.
+    reached = math.hypot(*chaser.velocity) * _HOUR + 0.25 * math.sqrt(3.0) * limits.force / chaser.mass * _HOUR**2
+    moved, turned = (
+        0.5 * step**2 * ratio for ratio in (limits.force / chaser.mass, limits.torque / min(chaser.inertia))
+    )
+    problems = []
+    if not turn < math.pi:
+        message = f"the target turns by {math.degrees(turn):.3g} deg in a control step of {step:g} s"
+        problems.append(
+            Problem(message, _rate_path(config), hint="lower the rate; less than half a turn can be followed")
+        )
+    if not reached >= way:
+        message = (
+            f"{limits.force:g} N move {chaser.mass:g} kg by {reached:.2g} m in an hour; the target is {way:.2g} m away"
+        )
+        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
+    if not moved <= length:
+        message = f"{limits.force:g} N move {chaser.mass:g} kg by {moved:.2g} m in a control step of {step:g} s"
+        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
+    if not turned <= math.pi:
+        message = f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg in a control step of {step:g} s"
+        problems.append(Problem(message, "chaser.inertia", hint="correct it, or chaser.limits.torque"))
+    if problems:
+        raise ConfigError(problems)
+
+
+def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) -> Iterator[Problem]:
+    """Yield a problem for each value with which the sensors may not show the target.
+
+    Raises:
+        ConfigError: The camera cannot see the target from the start.
+    """
+    sensors, mission, reads = config.sensors, config.mission, config.estimator.reads
+    if "frames" not in reads and "poses" not in reads:
+        return
+    reach, path = sensors.camera.geometry.largest_range, "chaser.position"
+    distance = float(np.linalg.norm(config.chaser.position))
+    nearest = distance - target.swept_radius - float(np.linalg.norm(config.chaser.camera_position))
+    seen = f"the target's centre is {distance:.3g} m away, and the camera measures up to {reach:g} m"
+    if nearest > reach:
+        raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
+    if distance > reach:
+        yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
+    frame_ticks = round(sensors.frame_period / mission.tick)
+    lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick
+    if "inertial" in reads and lag > _LARGEST_LAG:
+        yield Problem(
+            f"the last inertial sample is up to {1e3 * lag:g} ms older than a frame",
+            "sensors.imu_ticks",
+            hint=f"take a divisor of the {frame_ticks} ticks between two frames",
+        )
+    turn = float(largest_rate(target.principal, rates).max()) * sensors.frame_period
+    if turn > _LARGEST_TURN:
+        yield Problem(
+            f"the target turns by up to {np.rad2deg(turn):.3g} deg from frame to frame; estimation is tested up to "
+            f"{np.rad2deg(_LARGEST_TURN):.3g} deg",
+            _rate_path(config),
+            hint="lower the rate, or sensors.frame_period",
+        )
+    if isinstance(config.estimator, PipelineEstimator) and not config.estimator.known_target:
+        yield Problem(
+            "without a known shape the directions of the target's axes are ambiguous, and no approach is planned",
+            "estimator.config.known_target",
+        )
+
+
+def _motion_doubts(
+    config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
+) -> Iterator[Problem]:
+    """Yield a problem if the chaser starts too fast, or if the mating point is at all times too fast to follow."""
+    limits, m = config.chaser.limits, target.mating_point
+    fastest = max(map(abs, config.chaser.velocity))
+    if fastest > limits.tracking_speed:
+        yield Problem(
+            f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s",
+            "chaser.velocity",
+            hint="start slower, or raise chaser.limits.tracking_speed",
+        )
+    q, w = tumble(target.principal, attitudes, rates, _TIMES)
+    turning = np.cross(w, m)
+    pull = np.cross(angular_acceleration(target.principal, w), m) + np.cross(w, turning)
+    speed = np.abs(rotate(q, turning)).max(axis=-1)
+    force = config.chaser.mass * np.abs(rotate(q, pull)).max(axis=-1)
+    never = np.flatnonzero(~((speed <= limits.speed) & (force <= limits.planned_force)).any(axis=1))
+    if len(never):
+        first = never[0]
+        which = "" if len(attitudes) == 1 else f" in {len(never)} of {len(attitudes)} missions, such as {first},"
+        yield Problem(
+            f"following the mating point{which} takes at least {speed[first].min():.3g} m/s and "
+            f"{force[first].min():.3g} N along an axis; the limits are {limits.speed:g} m/s and "
+            f"{limits.planned_force:g} N",
+            _rate_path(config),
+            hint="lower the rate, or move the mating point inwards",
+        )
+
+
+def _rate_path(config: RendezvousConfig) -> str:
+    names = [name for name in ("rate", "largest_rate") if name in type(config.tumble).model_fields]
+    return ".".join(["tumble", *(["config", names[0]] if names else [])])
