@@ -129,22 +129,3 @@ def _check(mean_motion: float, mass: float) -> None:
         raise ValueError(f"mean_motion must be finite and not negative [rad/s], got {mean_motion}")
     if not (math.isfinite(mass) and mass > 0.0):
         raise ValueError(f"mass must be finite and positive [kg], got {mass}")
-
-
-def regulator_gain(a: FloatArray, b: FloatArray, state: FloatArray, control: FloatArray) -> FloatArray:
-    """Return the gain K of u = -K x that minimises the sum of x'Qx + u'Ru over the steps of a map x+ = A x + B u.
-
-    Args:
-        a: A, shape (n, n).
-        b: B, shape (n, m).
-        state: Q, shape (n, n).
-        control: R, shape (m, m).
-
-    Returns:
-        The gain, shape (m, n).
-    """
-    from scipy.linalg import solve_discrete_are  # slow to import
-
-    cost = solve_discrete_are(a, b, state, control)
-    gain = np.linalg.solve(control + b.T @ cost @ b, b.T @ cost @ a)
-    return np.asarray(gain, dtype=np.float64)

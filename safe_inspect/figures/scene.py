@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm
+from safe_inspect.figures.chief_figure import clock, point_colours, radius_of, reach_of, time_norm
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
 from safe_inspect.geometry.picture import (
     BLACK,
@@ -117,7 +117,7 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
     dots: Any = {"depthshade": False, "linewidths": 0, "zorder": 2, "s": 5.0}
     if len(episode.deputies) == 1:
         shown = front & seen
-        norm, when = time_norm(episode), episode.inspected_at[shown] / 60.0
+        norm, when = time_norm(episode), episode.inspected_at[shown] / clock(episode)[0]
         axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
         axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
         return

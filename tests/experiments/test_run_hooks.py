@@ -287,6 +287,7 @@ def test_a_log_goes_on_after_the_steps_of_its_checkpoint(tmp_path: Path, monkeyp
         ("a/c", 2.0, 50), ("tensorboard", 51), ("tensorboard", None),
     ]  # fmt: skip
     assert (tmp_path / "new" / "result.json").read_text() == ""  # started again
+    assert read_progress(tmp_path / "new" / "progress.csv") == []
     anew.add({"training_iteration": 1.0, "num_env_steps_sampled_lifetime": 60.0})
     assert [row["steps"] for row in read_progress(tmp_path / "new" / "progress.csv")] == [60.0]
     assert read_progress(tmp_path / "nowhere.csv") == []

@@ -72,6 +72,21 @@ def test_the_points_are_coloured_by_the_time_of_their_inspection(flown):
     assert front == len(flown.points)
 
 
+def test_the_colours_of_a_long_episode_use_one_unit_of_time_in_all_views(flown):
+    long = dataclasses.replace(flown, time=flown.time * 300.0, inspected_at=flown.inspected_at * 300.0)
+    assert long.time[-1] > 86_400.0
+    figure = trajectory_figure(long)
+    colours = {
+        round(float(c), 9)
+        for dots in figure.axes[0].collections
+        if dots.get_array() is not None
+        for c in dots.get_array()
+    }
+    hours = long.inspected_at[np.isfinite(long.inspected_at)] / 3600.0
+    assert colours
+    assert colours <= set(np.round(hours, 9))
+
+
 def test_the_speed_is_drawn_against_its_published_limit(flown):
     lines = panels(trajectory_figure(flown))["speed"].get_lines()
     np.testing.assert_allclose(lines[0].get_ydata(), np.linalg.norm(flown.velocity[:, 0], axis=-1))

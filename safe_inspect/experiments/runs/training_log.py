@@ -66,6 +66,7 @@ class TrainingLog:
 
     def _write_rows(self) -> None:
         if not self._columns:
+            self._csv.unlink(missing_ok=True)
             return
         with new_file(self._csv) as work, work.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, self._columns)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.dynamics.cwh import regulator_gain
+from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, truth_tube
 from safe_inspect.types import FloatArray
 
@@ -58,7 +58,7 @@ def lqr_gain(axis: Axis, weights: TrackingWeights | None = None) -> FloatArray:
     """Return the gain of the discrete linear-quadratic regulator, ``u = K x``, shape (2,)."""
     weights = weights or TrackingWeights()
     state, force = np.diag((weights.position, weights.velocity)), np.array([[weights.force]])
-    return np.asarray(-regulator_gain(axis.A, axis.B[:, None], state, force)[0])
+    return np.asarray(-regulator(axis.A, axis.B[:, None], state, force)[0])
 
 
 def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:
