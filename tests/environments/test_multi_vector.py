@@ -208,6 +208,16 @@ def test_the_teams_facts():
     assert np.isinf(team_info(alone)["closest"]).all()
 
 
+def test_the_infos_contain_the_teams_facts():
+    env = MultiAgentVectorEnv(variant("filtered together"), 2)
+    _, infos = env.reset(seed=SEED)
+    for _ in range(2):
+        for name, values in team_info(env.core).items():
+            np.testing.assert_array_equal(infos[f"team/{name}"], values, err_msg=name)
+        *_, infos = env.step({agent: np.full((2, 3), 0.2) for agent in env.agents})
+    assert (infos["team/delta_v"] > 0.0).all()
+
+
 def test_the_infos_of_a_filter_of_the_team():
     env = MultiAgentVectorEnv(variant("filtered together"), 2)
     _, infos = env.reset(seed=SEED)

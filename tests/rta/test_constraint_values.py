@@ -186,6 +186,16 @@ def test_layout_and_write_protection_of_the_arrays_do_not_matter_and_nothing_is_
         np.testing.assert_array_equal(array, copy)
 
 
+def test_the_arrays_of_a_state_are_those_that_kernels_require(draw):
+    state = draw(6, 20)
+    position = np.asfortranarray(state.position)
+    position.setflags(write=False)
+    made = RelativeState(position, state.velocity.astype(np.float32), state.sun_angle[::-1])
+    for array in (made.position, made.velocity, made.sun_angle):
+        assert (array.dtype, array.flags.c_contiguous, array.flags.writeable) == (np.float64, True, True)
+    np.testing.assert_array_equal(made.position, state.position)
+
+
 def test_no_rows_give_no_rows():
     empty = RelativeState(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     for constraint in constraint_set({}).values():
