@@ -160,6 +160,12 @@ def test_a_module_that_fails_by_itself_is_named_with_its_line(
     assert shown in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["my-rewards", "my rewards.band", "rewards.", ""])
+def test_what_is_not_a_module_path_is_refused_before_an_import(name: str) -> None:
+    with pytest.raises(RegistryError, match="is not a module path"):
+        module.import_user_module(name)
+
+
 def test_an_abstract_class_is_not_a_plugin_to_name() -> None:
     with pytest.raises(RegistryError, match=r"'safe_inspect.rewards.Reward' is an abstract class; name one of"):
         registry.get("reward", "safe_inspect.rewards.Reward")

@@ -15,11 +15,10 @@ import pytest
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.coordinator import Phase
-from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.missions import mission as module
-from safe_inspect.rendezvous.missions.log import MissionLog, json_value
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.models import RendezvousConfig
+from safe_inspect.rendezvous.missions.record import MissionLog, json_value
 
 from .test_experiment import SHIPPED
 
