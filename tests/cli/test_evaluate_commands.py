@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -236,6 +237,17 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     assert list(here.iterdir()) == []
 
 
+def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):
+    for when, name in enumerate(("old", "new", "no run")):
+        (here / "output" / name).mkdir(parents=True)
+        if name != "no run":
+            (here / "output" / name / "run.json").touch()
+        os.utime(here / "output" / name, (when, when))
+    code, _, err = typed("evaluate", "output/RUN")
+    assert code == 2
+    assert err.rstrip().endswith("the newest run there is output/new")
+
+
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
@@ -259,7 +271,10 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
         (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
-        (("./checkpoint_000001",), "./checkpoint_000001: there is no such checkpoint or ONNX file"),
+        (
+            ("./checkpoint_000001",),
+            "./checkpoint_000001: there is no such checkpoint or ONNX file; give the run folder",
+        ),
         (("folder",), "neither a checkpoint nor the folder of a training run"),
         (("file.txt",), "this file is not a policy"),
         (("none.onnx",), "none.onnx"),
