@@ -23,6 +23,7 @@ from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
 
+_NOTE = "note: scripted policies fly safe_inspect/TranslationalInspection-v1; give another task with --cfg\n"
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 if str(EXPERIMENTS) not in sys.path:
     sys.path.insert(0, str(EXPERIMENTS))
@@ -108,7 +109,7 @@ def row(out, name):
 
 def test_a_baselines_table_holds_the_figures_of_its_rollout(typed):
     code, out, err = typed("evaluate", "random", *SHORT, "--seed", "3")
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, _NOTE)
     flown = rollout(load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=25"]), baseline("random"), 6, 3)
     for name, values in (
         ("return", flown.returns), ("delta-v", flown.delta_v), ("length", flown.length),
@@ -233,7 +234,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     monkeypatch.setattr("safe_inspect.experiments.modules.sources.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     shown = "nothing is kept, as the first batch of 4 episodes was not complete"
-    assert (code, out, err) == (130, "", f"interrupted; {shown}\n")
+    assert (code, out, err) == (130, "", f"{_NOTE}interrupted; {shown}\n")
     assert list(here.iterdir()) == []
 
 
