@@ -77,6 +77,8 @@ def numbers(what: str, value: object) -> FloatArray:
     Raises:
         PluginValueError: The value is not an array of numbers.
     """
+    if value is None:
+        raise PluginValueError(f"{what} gave None; return an array of numbers")
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -24,7 +24,8 @@ class SafetyReport:
     Attributes:
         names: Names of the C constraints.
         units: Unit of the plain safety quantity of each constraint.
-        steps: Number of filtered steps, over all environments.
+        filtered: Whether the filter was on.
+        steps: Number of steps, over all environments.
         starts_refused: Number of initial states that violate a constraint.
         least_at_steps: Smallest plain safety quantity at the start and end of holds, shape (C,).
         least_between: Smallest plain safety quantity at moments within holds, shape (C,).
@@ -41,6 +42,7 @@ class SafetyReport:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
+    filtered: bool
     steps: int
     starts_refused: int
     least_at_steps: FloatArray
@@ -62,8 +64,9 @@ class SafetyReport:
 
     def __str__(self) -> str:
         width = max(len("constraint"), *map(len, self.names))
+        flown = "filtered steps" if self.filtered else "steps without the filter"
         lines = [
-            f"{self.steps:,} filtered steps, {self.moments:,} moments between them",
+            f"{self.steps:,} {flown}, {self.moments:,} moments between them",
             f"{'constraint':<{width}}  smallest phi: {'at steps':>12} {'between':>12}  violations: at steps  between",
         ]
         for j, name in enumerate(self.names):
@@ -72,9 +75,12 @@ class SafetyReport:
                 f"{self.violations_at_steps[j]:>22,} {self.violations_between[j]:>8,}"
             )
         for k, kind in enumerate(ADVERSARIES):
-            if self.flown[k]:
+            if self.filtered and self.flown[k]:
                 lines.append(f"interventions, {kind}: {100.0 * self.interventions[k] / self.flown[k]:.1f} % of steps")
-        lines.append(f"infeasible steps: {self.infeasible:,}; initial states refused: {self.starts_refused:,}")
+        if self.filtered:
+            lines.append(f"infeasible steps: {self.infeasible:,}; initial states refused: {self.starts_refused:,}")
+        else:
+            lines.append(f"initial states that violate a constraint: {self.starts_refused:,}")
         lines.append(f"episodes ended: {self.ends[1]:,} won, {self.ends[2]:,} lost, {self.ends[3]:,} out of time")
         return "\n".join(lines)
 
@@ -140,6 +146,7 @@ def safety_report(
     return SafetyReport(
         names=watch.names,
         units=tuple(glues[0].units.get(name, "-") for name in watch.names),
+        filtered=glues[0].enabled,
         steps=holds * num_envs,
         starts_refused=refused,
         least_at_steps=watch.least_at_steps,

@@ -91,7 +91,9 @@ class Registry:
             return known[name]
         head, dot, tail = name.rpartition(".")
         if not dot:
-            raise RegistryError(f"unknown {kind} {name!r}; {self._suggest(kind, name)}")
+            hint = self._suggest(kind, name)
+            own = f"; for a class of your own give its module too, as in my_module.{name}"
+            raise RegistryError(f"unknown {kind} {name!r}; {hint}{own if hint.startswith('known') else ''}")
         if head.split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
             raise RegistryError(
                 f"{name!r} is a path of safe-autonomy-sims or CoRL without a matching {kind} in this package; "
@@ -100,7 +102,10 @@ class Registry:
         return self._import(kind, name, head, tail)
 
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
-        loaded = import_user_module(module, f" for {kind} {name!r}; {self._suggest(kind, attribute)}")
+        hint = self._suggest(kind, attribute)
+        if hint.startswith("known"):  # none is similar: a class of the user
+            hint = where_modules_are(module)
+        loaded = import_user_module(module, f" for {kind} {name!r}; {hint}")
         cls: Any = getattr(loaded, attribute, None)
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
@@ -143,6 +148,15 @@ class Registry:
                 package = entry.dist.name if entry.dist is not None else entry.value
                 what = f"the plugins of {package} are not available: its module {entry.module} cannot be imported"
                 warnings.warn(f"{what}: {cause_of(error)}; fix or uninstall it", RuntimeWarning, stacklevel=2)
+
+
+def where_modules_are(name: str) -> str:
+    """Return where a module is searched and what to do if it does not exist."""
+    top = name.partition(".")[0]
+    searched = (
+        "modules are searched in the working directory, in the folders of PYTHONPATH and among installed packages"
+    )
+    return f"{searched}; correct the name, or add the folder that contains {top!r} to PYTHONPATH"
 
 
 def import_user_module(name: str, wanted: str = "") -> ModuleType:

@@ -122,7 +122,10 @@ def test_warming_calls_all_kernels_and_says_how_long_it_took(typed: Typed, monke
 
 
 @pytest.mark.parametrize(("violations", "code"), [(0, 0), (1, 1)])
-@pytest.mark.parametrize(("words", "enabled"), [((), True), (("--off",), False)])
+@pytest.mark.parametrize(
+    ("words", "enabled"),
+    [((), True), (("--off",), False), (("--off", "RTAGlueCWHInspection1v1.config.enabled=True"), False)],
+)
 def test_the_exit_code_of_a_safety_report(
     typed: Typed, monkeypatch: pytest.MonkeyPatch, violations: int, code: int, words: tuple[str, ...], enabled: bool
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
 
+_NOTE = "note: scripted policies fly safe_inspect/TranslationalInspection-v1; give another task with --cfg\n"
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 if str(EXPERIMENTS) not in sys.path:
     sys.path.insert(0, str(EXPERIMENTS))
@@ -107,7 +109,7 @@ def row(out, name):
 
 def test_a_baselines_table_holds_the_figures_of_its_rollout(typed):
     code, out, err = typed("evaluate", "random", *SHORT, "--seed", "3")
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, _NOTE)
     flown = rollout(load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=25"]), baseline("random"), 6, 3)
     for name, values in (
         ("return", flown.returns), ("delta-v", flown.delta_v), ("length", flown.length),
@@ -232,8 +234,19 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     monkeypatch.setattr("safe_inspect.experiments.modules.sources.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     shown = "nothing is kept, as the first batch of 4 episodes was not complete"
-    assert (code, out, err) == (130, "", f"interrupted; {shown}\n")
+    assert (code, out, err) == (130, "", f"{_NOTE}interrupted; {shown}\n")
     assert list(here.iterdir()) == []
+
+
+def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):
+    for when, name in enumerate(("old", "new", "no run")):
+        (here / "output" / name).mkdir(parents=True)
+        if name != "no run":
+            (here / "output" / name / "run.json").touch()
+        os.utime(here / "output" / name, (when, when))
+    code, _, err = typed("evaluate", "output/RUN")
+    assert code == 2
+    assert err.rstrip().endswith("the newest run there is output/new")
 
 
 @pytest.mark.parametrize(
@@ -259,7 +272,10 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
         (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
-        (("./checkpoint_000001",), "./checkpoint_000001: there is no such checkpoint or ONNX file"),
+        (
+            ("./checkpoint_000001",),
+            "./checkpoint_000001: there is no such checkpoint or ONNX file; give the run folder",
+        ),
         (("folder",), "neither a checkpoint nor the folder of a training run"),
         (("file.txt",), "this file is not a policy"),
         (("none.onnx",), "none.onnx"),

@@ -43,7 +43,8 @@ def result_of(folder: Path, **changes: Any) -> TrainingResult:
 def test_a_training_ends_with_its_lines(here: Path, changes: dict[str, Any], lines: list[str]) -> None:
     folder = here / "a run"
     shown = train._closing(result_of(folder, **changes)).splitlines()
-    more = [f"TensorBoard: tensorboard --logdir '{folder}'"]
+    more = [f"evaluate:    safe-inspect evaluate '{folder}'"] if changes.get("checkpoint") else []
+    more.append(f"TensorBoard: tensorboard --logdir '{folder}'")
     if changes.get("interrupted"):
         more.append(f"continue:    python -m safe_inspect.train_rl --resume '{folder}'")
     assert shown == [*lines, *more]

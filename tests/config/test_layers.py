@@ -78,6 +78,8 @@ def test_an_agent_of_files_and_of_short_keys_has_both(layered, file):
     ("text", "words"),
     [
         ("- rewards: []\n", r"experiment.yml:2.*unknown key `rewards`"),
+        ("- blu0_ctrl: {}\n", r"experiment.yml:2.*unknown key `blu0_ctrl`; did you mean `blue0_ctrl`"),
+        ("- env_confg: {}\n", r"experiment.yml:2.*unknown key `env_confg`; did you mean `env_config`"),
         ("- blue0_ctrl: {rewards: {DockingReward: {}}}\n", r"experiment.yml:2.*the list has no item named"),
         ("- blue0_ctrl: {rewards: {DockingDeltaVReward: {config: {scael: 1}}}}\n", r"experiment.yml:2.*scael"),
         ("- blue0_ctrl: 5\n", r"experiment.yml:2.*expected a mapping, got 5"),

@@ -231,6 +231,20 @@ def test_a_reward_that_gives_words_is_named(shipped):
 
 
 @pytest.mark.usefixtures("registered")
+def test_a_reward_that_returns_nothing_is_named(shipped):
+    class ForgetfulReward(Reward):
+        """Return nothing."""
+
+        def __call__(self, step):
+            """Forget to return."""
+
+    env = make_vec(shipped, 2, [f"{AGENT}.rewards.1={{functor: ForgetfulReward}}"])
+    env.reset()
+    with pytest.raises(PluginValueError, match="reward ForgetfulReward gave None; return an array of numbers"):
+        env.step(np.zeros((2, 3)))
+
+
+@pytest.mark.usefixtures("registered")
 def test_a_plugin_that_raises_is_named_with_its_line(shipped):
     class RaisingReward(Reward):
         """Divide by zero."""

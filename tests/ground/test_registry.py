@@ -94,6 +94,8 @@ def test_one_name_may_mean_two_kinds() -> None:
         ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
         ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
+        ("reward", "no_such_package.plugins.MyReward", "add the folder that contains 'no_such_package' to PYTHONPATH"),
+        ("reward", "Mine", "for a class of your own give its module too, as in my_module.Mine"),
         ("reward", "math.sqrt", "'math.sqrt' is not a plugin; a reward must be a subclass of safe_inspect.rewards.R"),
         ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of safe-autonomy-sims"),
         ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; expected a reward here|unknown"),

@@ -41,7 +41,7 @@ def add_list_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KIND",
         help=f"one of: tasks, policies, {', '.join(registry.kinds())} (default: all plugins)",
     )
-    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin, or dotted path of one of your own")
 
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -133,7 +133,7 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
 
     Args:
         kind: If given, only plugins of this kind.
-        name: If given, only the plugin with this name.
+        name: If given, only the plugin with this name, or with this dotted path if a kind is given.
 
     Raises:
         RegistryError: There is no such kind or name.
@@ -141,6 +141,8 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
     kinds = registry.kinds()
     if kind is not None and kind not in kinds:
         raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, [*kinds, 'tasks', 'policies'])}")
+    if kind is not None and name is not None and "." in name and name not in dict(registry.items(kind)):
+        return f"{kind}\n{_block(name, registry.get(kind, name))}"
     blocks = []
     names = set()
     for each in (kind,) if kind else kinds:

@@ -33,7 +33,7 @@ def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=seed, default=0, metavar="N", help="seed of initial states and adversaries (default: 0)"
     )
-    parser.add_argument("--off", action="store_true", help="use the filter as configured; otherwise it is switched on")
+    parser.add_argument("--off", action="store_true", help="switch the filter off; otherwise it is switched on")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the safety quantities of the worst episode")
     parser.add_argument(
         "--audit", type=positive, metavar="N",
@@ -56,7 +56,7 @@ def run_safety(arguments: argparse.Namespace) -> int:
     if arguments.audit is not None:
         return _run_audit(arguments)
     _check_plot(arguments)
-    experiment = _load(arguments, enable=not arguments.off)
+    experiment = _load(arguments, enabled=not arguments.off)
     bar = EpisodeBar("steps", sys.stderr)
     try:
         report = safety_report(experiment.spec, arguments.steps, arguments.num_envs, arguments.seed, progress=bar.show)
@@ -70,7 +70,7 @@ def run_safety(arguments: argparse.Namespace) -> int:
 
 def _run_audit(arguments: argparse.Namespace) -> int:
     """Print the audit; return 1 if a constraint was violated or a step had no plan."""
-    experiment = _load(arguments, enable=True)
+    experiment = _load(arguments, enabled=True)
     glue = next(glue for glue in experiment.spec.agents[0].action_glues if isinstance(glue, SafetyGlue))
     if not isinstance(glue, RTAGlueCWHInspection1v1) or glue.method != "backup":
         raise ConfigError(f"{arguments.cfg}: the audit supports only RTAGlueCWHInspection1v1 with the method 'backup'")
@@ -87,7 +87,7 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 def run_acceptance(arguments: argparse.Namespace) -> int:
     """Print the acceptance rates."""
     _check_plot(arguments)
-    found = acceptance(_load(arguments, enable=False).spec, arguments.draws, arguments.seed)
+    found = acceptance(_load(arguments).spec, arguments.draws, arguments.seed)
     print(found)
     if arguments.plot is not None:
         save(acceptance_figure(found), arguments.plot)
@@ -100,18 +100,18 @@ def _check_plot(arguments: argparse.Namespace) -> None:
         require_matplotlib()
 
 
-def _load(arguments: argparse.Namespace, *, enable: bool) -> Experiment:
-    """Load the experiment, with its safety glue enabled if requested."""
+def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:
+    """Load the experiment, with its safety glue enabled or disabled if requested."""
 
     def load(overrides: list[str]) -> Experiment:
         return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
 
     experiment = load(arguments.overrides)
-    if not enable:
+    if enabled is None:
         return experiment
     glues = experiment.config.agent_config[0].config.config.glues
     for index, glue in enumerate(glues):
         if isinstance(glue, SafetyGlue):
             where = f"agent_config.0.config.config.glues.{index}.config.enabled"
-            return experiment if glue.enabled else load([*arguments.overrides, f"{where}=True"])
+            return experiment if glue.enabled == enabled else load([*arguments.overrides, f"{where}={enabled}"])
     raise ConfigError(f"{arguments.cfg}: the agent has no safety glue; wrap the controllers in one")

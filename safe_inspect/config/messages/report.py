@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.loading.located import LocatedDict, has, locate, path_text
+from safe_inspect.config.loading.merge import names_of
 from safe_inspect.config.messages.messages import is_of_other_kind, message, shown, wanted
 from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import Location, Problem
@@ -114,6 +115,10 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
     where = prefix + fault.path
     if fault.error["type"] == "extra_forbidden":
         known = known_keys(start, fault.path[:-1], model)
+        if len(where) == 1 and has(start, "agent_config"):  # the short keys of `safe_inspect.config.layers`
+            agents = start["agent_config"]
+            known |= {name for entry in agents for name in names_of(entry)} if isinstance(agents, list) else set()
+            known |= known_keys(start, ("config", "config"), model)
         text, hint = f"unknown key `{fault.path[-1]}`", key_hint(str(fault.path[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
             text, hint = fault.error["msg"], ""  # a plugin that builds another lists the keys itself

@@ -45,8 +45,8 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
         if difference:
             raise CheckpointError(
                 f"{title}: the policy is of another task ({trained.task}): in the {what} of {agent.name}, "
-                f"{difference}; use the glues and controllers of its training, without overriding them, or train a "
-                "policy for this task"
+                f"{difference}; use the glues and controllers of its training (without --cfg and overrides a policy "
+                "flies the task of its training), or train a policy for this task"
             )
 
 

@@ -206,6 +206,14 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     return Candidate(shipped.name, source, experiment, spec, {agent: policies[agent] for agent in outside})
 
 
+def _newest_run(missing: Path) -> str:
+    """Return a hint to the newest run in the folder in which one was expected, if there is any."""
+    runs = [found for found in missing.parent.glob("*") if (found / "run.json").is_file()]
+    if runs:
+        return f"the newest run there is {max(runs, key=os.path.getmtime)}"
+    return "give the run folder that a training prints, or a name of `safe-inspect list policies`"
+
+
 def _open_trained(text: str, wanted: Wanted) -> Candidate:
     path = Path(text).expanduser()
     if os.path.isdir(path):
@@ -218,7 +226,7 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     if os.path.exists(path):
         raise SafeInspectError(f"{text}: this file is not a policy; give the folder of a checkpoint or an ONNX file")
     if os.sep in text:
-        raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file")
+        raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file; {_newest_run(path)}")
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy")), *shipped_policies()}
     raise SafeInspectError(
         f"no policy {text!r}: it is neither a checkpoint's folder nor an ONNX file nor the name of one; "
