@@ -119,8 +119,8 @@ def design_tube(
     limits, options = limits or TrackingLimits(), options or DesignOptions()
     if len(plan.times) < 2 or plan.times.shape != bound.times.shape:
         raise ValueError(
-            f"tube: the plan has {len(plan.times)} samples but its bound has {len(bound.times)}; both need the same, "
-            "at least two"
+            f"tube: the plan has {len(plan.times)} samples but its bound has {len(bound.times)}; both must have the "
+            "same number, at least two"
         )
     if not np.allclose(np.diff(plan.times), axis.step, rtol=1e-6):
         raise ValueError(f"tube: the plan must be sampled every {axis.step:g} s, the control period")

@@ -86,7 +86,7 @@ def test_a_plan_may_differ_a_little_from_what_was_asked_for(
         (lambda: spline_basis(7, 20, 10.0), "control_points must be at least 8, got 7"),
         (lambda: SampledPath(np.array([0.0, 1.0, 1.0]), np.zeros((3, 3)), np.zeros((3, 3))), "must ascend from 0 s"),
         (lambda: SampledPath(np.array([0.1, 1.0]), np.zeros((2, 3)), np.zeros((2, 3))), "must ascend from 0 s"),
-        (lambda: SampledPath(np.array([0.0]), np.zeros((1, 3)), np.zeros((1, 3))), "at least two of them"),
+        (lambda: SampledPath(np.array([0.0]), np.zeros((1, 3)), np.zeros((1, 3))), "at least two samples"),
         (lambda: SampledPath(np.array([0.0, 1.0]), np.zeros((2, 3)), np.ones((3, 3))),
          r"velocity must be finite, of shape \(2, 3\), got the shape \(3, 3\)"),
         (lambda: SampledPath(np.array([0.0, 1.0]), np.full((2, 3), np.nan), np.ones((2, 3))), "position must be"),

@@ -124,9 +124,10 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 @njit(**BORROWING)
 def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write to `t.best` a tested control between the backup and the last proposal, the nearest to it that is found.
+    """Search between the backup and the last proposal for the safe control nearest to the desired one; fill `t.best`.
 
-    First all deputies move together, then one after another from the result.
+    First, a bisection moves all deputies together from the backup towards the proposal. Then each deputy in turn moves
+    alone from the result towards the proposal. Each accepted control has passed the exact test, see `_better`.
 
     Returns:
         Whether the control differs from the backup.
