@@ -348,7 +348,7 @@ class RendezvousConfig(Model):
     def _check_orbit(self) -> RendezvousConfig:
         if self.mission.mean_motion and self.chaser.limits.keep_in is None:
             raise ValueError(
-                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
+                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tidal force"
             )
         return self
 

@@ -48,7 +48,7 @@ class Draw:
 
 
 class Parameter(Plugin):
-    """A value that is drawn at every reset.
+    """A value that is sampled at every reset.
 
     Calling it returns the SI value, shape (R,), or a mapping of named states.
     """
@@ -57,7 +57,7 @@ class Parameter(Plugin):
 
     @abstractmethod
     def __call__(self, draw: Draw) -> Value:
-        """Return the drawn value, SI."""
+        """Return the sampled value in SI units."""
 
     @property
     def symbol(self) -> str | None:

@@ -164,10 +164,10 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
 
 @njit(**BORROWING)
 def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write the thrust of a joint plan of the present states to `t.backup`; return whether there is one.
+    """Write the thrust of a joint plan from the current states to `t.backup`; return whether there is one.
 
-    A plan that was accepted with the full margins is still safe with half of them, whatever the rounding since. The
-    stored plan is tried before others, so it is found again.
+    The stored plan is tried before others, with the full margins and then with half of them. It was accepted with the
+    full margins, and rounding errors since then are smaller than half of them, so it always passes.
     """
     for half in range(2):
         margins = scaled(MARGINS, 1.0 - 0.5 * half)

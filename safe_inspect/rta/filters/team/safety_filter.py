@@ -193,9 +193,7 @@ class TeamFilter:
         pair: Any
         for name, pair in self.pair_constraints.items():
             if pair.deputy_radius >= far:
-                raise ValueError(
-                    f"the deputy_radius {pair.deputy_radius} m of {name} leaves no room within r_max {far} m"
-                )
+                raise ValueError(f"the deputy_radius {pair.deputy_radius} m of {name} must be less than r_max, {far} m")
             about[PAIR_CONSTRAINTS[name]] = pair.about_other
         one, two = build_model(p, self.alone.constraints), build_model(p, about)
         self._models = self._starts = one, two
