@@ -146,7 +146,7 @@ def test_a_row_does_not_depend_on_its_batch(run, team):
         ({"method": "continuous", "enabled": True}, "does not enforce 'deputy_collision'; use the method 'backup'"),
         ({"method": "simplex", "enabled": True}, "does not enforce 'deputy_collision'"),
         ({"deputy_radius": 0.0}, "greater than 0"),
-        ({"constraints": ("deputy_collision", "deputy_collision")}, "name one twice"),
+        ({"constraints": ("deputy_collision", "deputy_collision")}, "contain a duplicate"),
         ({"deputy_radius": 800.0, "enabled": True}, "must be less than r_max"),
     ],
 )

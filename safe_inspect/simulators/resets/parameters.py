@@ -149,7 +149,7 @@ class TruncatedNormalParameter(ScalarParameter):
     @model_validator(mode="after")
     def _ordered(self) -> TruncatedNormalParameter:
         if not self.low < self.high:
-            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high}); change one of them")
         if not self._tail(self._span[1]) > self._tail(self._span[0]):
             raise ValueError(
                 f"[{self.low}, {self.high}] lies too far from `mu` ({self.mu}) for a `std` of {self.std}; widen one"
