@@ -24,7 +24,16 @@ _TOLERANCE = 1e-9
 
 @njit
 def coast(p: FloatArray, v: FloatArray, t: float, s: float, c: float, n: float) -> tuple[float, ...]:
-    """Return position, velocity, range squared, half its first and half its second derivative at time t."""
+    """Return position, velocity, range squared, and half of the latter's first and second derivatives at time t.
+
+    Args:
+        p: Position at time 0 [m].
+        v: Velocity at time 0 [m/s].
+        t: Time [s].
+        s: sin(n t).
+        c: cos(n t).
+        n: Mean motion [rad/s].
+    """
     x = (4.0 - 3.0 * c) * p[0] + (s * v[0] + 2.0 * (1.0 - c) * v[1]) / n
     y = 6.0 * (s - n * t) * p[0] + p[1] - (2.0 * (1.0 - c) * v[0] - 4.0 * s * v[1]) / n - 3.0 * t * v[1]
     z = c * p[2] + s * v[2] / n
@@ -80,7 +89,10 @@ def grid(n: float, horizon: float, cell: float = CELL) -> FloatArray:
 
 @njit
 def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n: float) -> float:
-    """Return the zero of the second derivative in (low, high) by bisection; the derivative has this sign at `high`."""
+    """Return the time of the zero of the squared range's second derivative in (low, high) [s], by bisection.
+
+    The second derivative has the given sign at `high`.
+    """
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
         if sign * coast(p, v, middle, math.sin(n * middle), math.cos(n * middle), n)[8] < 0.0:
@@ -92,7 +104,7 @@ def _turn(p: FloatArray, v: FloatArray, low: float, high: float, sign: float, n:
 
 @njit
 def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: float, n: float, sign: float) -> float:
-    """Return the time in (low, high) at which sign times the range stops decreasing, by bracketed Newton iterations."""
+    """Return the time in (low, high) of the minimum of sign * range [s], by bracketed Newton iterations."""
     t = start
     for _ in range(_STEPS):
         now = coast(p, v, t, math.sin(n * t), math.cos(n * t), n)
@@ -122,7 +134,7 @@ def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> f
 
 @njit
 def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sign: float) -> float:
-    """Return the time over the grid's span at which sign times the range is smallest [s]; sign is 1 or -1."""
+    """Return the time within the grid's span at which sign * range is smallest [s]; sign is 1 or -1."""
     a, f_a, g_a = 0.0, 0.0, 0.0
     best, best_f = 0.0, 0.0
     for k in range(table.shape[0]):

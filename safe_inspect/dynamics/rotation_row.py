@@ -13,7 +13,7 @@ Quaternion = FloatArray | tuple[float, float, float, float]
 
 @njit
 def rotated(q: Quaternion, a: float, b: float, c: float) -> Components:
-    """Return ``R(q) [a, b, c]``.
+    """Return the vector [a, b, c] rotated by q, ``R(q) [a, b, c]``.
 
     Args:
         q: Unit quaternion, shape (4,).
@@ -28,7 +28,7 @@ def rotated(q: Quaternion, a: float, b: float, c: float) -> Components:
 
 @njit
 def rotated_back(q: Quaternion, a: float, b: float, c: float) -> Components:
-    """Return ``R(q)^T [a, b, c]``; arguments as for `rotated`."""
+    """Return the vector [a, b, c] rotated by the inverse of q, ``R(q)^T [a, b, c]``; arguments as for `rotated`."""
     x, y, z, w = q[0], q[1], q[2], q[3]
     tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
     return a - w * tx + y * tz - z * ty, b - w * ty + z * tx - x * tz, c - w * tz + x * ty - y * tx

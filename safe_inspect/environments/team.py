@@ -251,7 +251,10 @@ class TeamEnvironment:
         return team
 
     def _without_ended(self, control: FloatArray, active: BoolArray, steps: list[Step]) -> FloatArray:
-        """Return the controls with those of ended agents replaced, and write them into the groups' steps."""
+        """Replace the controls of ended agents and write all controls into the groups' steps; return them.
+
+        An ended agent keeps its last control if `ended_thrust_on` is set; otherwise its control is 0.
+        """
         instead = self.state.control if self.spec.ended_thrust_on else 0.0
         control = np.where(active[:, :, None], control, instead)
         for group, step in zip(self.groups, steps, strict=True):
@@ -261,7 +264,7 @@ class TeamEnvironment:
         return control
 
     def _evaluate(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
-        """Return observations, rewards and ends of a step after the dynamics have been computed."""
+        """Return observations, rewards and ended episodes of a step after the dynamics have been computed."""
         simulation = self.simulation
         transitions = []
         fired: dict[str, BoolArray] = {}

@@ -1,4 +1,4 @@
-"""`names_writers`: errors that name the plugin that failed or wrote into an array that was passed to it."""
+"""`names_writers`, a decorator of functions that call plugins: errors then name the plugin that caused them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def writes_read_only(error: BaseException) -> bool:
 def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
     """Wrap a function that calls plugins, so that its errors name the plugin that caused them.
 
-    These are plugins that fail, that write into an array that was passed to them, or that read something that the task
-    does not provide. Exceptions that are not of this package get a note with the plugin's name.
+    A plugin causes an error if it fails, writes into an array that was passed to it, or reads something that the task
+    does not provide. Exceptions of types outside of this package get a note with the plugin's name.
 
     Raises:
         MissingNameError: A plugin reads something that the task does not provide.

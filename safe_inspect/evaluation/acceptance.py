@@ -70,4 +70,6 @@ def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Ac
                 accepted &= ~rows
             return Acceptance(name, states, refused, accepted)
         values[name] = parameter(draw)
-    raise ConfigError("no reset parameter of this task is a RejectionSampler, so every draw is accepted")
+    raise ConfigError(
+        "no reset parameter of this task is a RejectionSampler, so all samples are accepted and there is no share"
+    )

@@ -111,7 +111,7 @@ def safety_report(
         raise ValueError(f"`steps`, `num_envs` and `substeps` must be at least 1, got {steps}, {num_envs}, {substeps}")
     glues = [glue for glue in spec.agents[0].action_glues if isinstance(glue, SafetyGlue)]
     if not glues:
-        raise ConfigError(f"the agent {spec.agents[0].name!r} has no safety glue, so there is nothing to report")
+        raise ConfigError(f"the agent {spec.agents[0].name!r} has no safety glue; wrap its controllers in one")
     num_envs = min(num_envs, steps)
     holds = -(-steps // num_envs)
     environment = BatchedEnvironment(spec, num_envs, seed=seed)

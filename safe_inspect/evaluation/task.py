@@ -122,7 +122,9 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
             raise SafeInspectError(f"--metric {text}: {functor_mistakes(error)}") from None
         assert isinstance(plugin, BaseMetric), "the registry returns a plugin of the requested kind"
         if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
-            raise SafeInspectError(f"--metric {text}: every table has a figure {plugin.label!r}; choose another label")
+            raise SafeInspectError(
+                f"--metric {text}: the label {plugin.label!r} is that of a standard figure; choose another label"
+            )
         made.append(plugin)
     return made
 

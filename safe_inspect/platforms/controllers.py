@@ -47,7 +47,7 @@ class ActuatorLimits(Plugin):
     def _ordered(self) -> Self:
         factor(self.units, self.symbol)
         if not self.low < self.high:
-            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high}); change one of them")
         return self
 
     @cached_property

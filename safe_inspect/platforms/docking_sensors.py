@@ -62,8 +62,9 @@ class SpeedLimitSensor(SpeedLimit, Sensor, name="Sensor_SpeedLimit"):
 class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity"):
     """Velocity straight to the origin of Hill's frame at the docking speed limit, -L(r) p / r [m/s], shape (R, 3).
 
-    Its magnitude is similar at all ranges, whereas the position itself contains little information about the direction
-    to a near chief. At the origin it is 0.
+    Here p is the position of the deputy, r its length, and L the speed limit (`SpeedLimit`). At the origin the velocity
+    is 0. Its magnitude varies much less than the range, so it shows the direction to the chief also at short range,
+    where the elements of the position are small.
     """
 
     elements: ClassVar[tuple[str, ...]] = ("approach_x", "approach_y", "approach_z")

@@ -147,7 +147,9 @@ class NaturalMotionInspector(ScriptedPolicy):
         """Return the planning problem of one row."""
         world, state, entity = view.world, view.state, self.inspection_entity_name
         if rotating_body(world) == entity:
-            raise SafeInspectError(f"NaturalMotionInspector requires a body at rest, but {entity!r} rotates")
+            raise SafeInspectError(
+                f"NaturalMotionInspector requires a body at rest, but {entity!r} rotates; use another policy"
+            )
         points = view.points(entity)
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies

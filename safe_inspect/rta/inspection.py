@@ -85,7 +85,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         if self.enabled and not self.constraints:
             raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
         if len(pairs) != len(set(pairs)):
-            raise ValueError(f"the constraints {list(map(name_of, self.constraints))} name one twice; remove it")
+            raise ValueError(f"the constraints {list(map(name_of, self.constraints))} contain a duplicate; remove it")
         if pairs and self.method != "backup":
             raise ValueError(
                 f"the method {self.method!r} does not enforce {pairs[0]!r}; use the method 'backup', or remove it"

@@ -89,7 +89,10 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         )
 
     def recoverable_share(self) -> tuple[int, float] | None:
-        """Return the number of sampled safe states of a deputy, and the share with a plan; None as for one deputy."""
+        """Return the number of sampled safe states of a deputy, and the share of them that have a backup plan.
+
+        Return None if the thrusters can brake against the tide everywhere within `r_max`.
+        """
         alone = self._filter.alone
         if alone.parameters.net_acceleration > 0.0:
             return None

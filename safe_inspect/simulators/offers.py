@@ -64,7 +64,9 @@ class Offers:
         for known, new in zip((self.world, self.view, self.team, self.step), given, strict=True):
             for name in new:
                 if name in known:
-                    raise ValueError(f"two components offer {name!r}; rename one, or remove one of the components")
+                    raise ValueError(
+                        f"two components provide the name {name!r}; rename one, or remove one of the components"
+                    )
             known.update(new)
         self.components.append(component)
 

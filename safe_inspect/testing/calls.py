@@ -51,9 +51,10 @@ class Call:
         what: Name of the call in messages.
         function: The function.
         make: Creates the inputs for some rows from their indices.
-        rows: Number of rows that `make` can select: environments, N, if the function sees several agents of each.
-        agents: Rows of the result for each of these rows: the agents of the group, G.
-        alone: Creates the inputs of all rows with a single agent of the group, from its index.
+        rows: Number of rows that `make` can select; the number of environments, N, if the function receives a group of
+            several agents of each environment.
+        agents: Number of rows of the result for each selected row: the size of the group, G, otherwise 1.
+        alone: Creates the inputs of all rows for one agent of the group, from its index; None without a group.
         shape: Expected shape of the result, or of each array of a mapping of results.
         shapes: Expected shapes of individual arrays of a mapping.
     """

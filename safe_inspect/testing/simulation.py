@@ -144,7 +144,7 @@ def check_component(plugin: Component, parts: SampleParts, report: Report) -> No
 
 
 def _environment(plugin: Component, spec: EnvironmentSpec) -> TeamEnvironment:
-    """Return the sample world with a component, placed as late among the others as possible."""
+    """Return the sample world with a component, as the last component, or the latest that others allow."""
     dynamics, components = spec.simulator.compose()
     others = [other for other in components if type(other) is not type(plugin)]
     for place in reversed(range(len(others) + 1)):

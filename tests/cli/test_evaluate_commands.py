@@ -170,7 +170,7 @@ def test_a_users_metric_by_its_dotted_and_by_its_registered_name(typed, here):
     assert "MeanRange  Mean distance from the chief" in typed("list", "metric")[1]
     code, _, err = typed("evaluate", "zero-thrust", *SHORT, "--metric", "my_metrics.Return")
     assert code == 2
-    assert "every table has a figure 'return'; choose another label" in err
+    assert "the label 'return' is that of a standard figure; choose another label" in err
 
 
 def test_the_figures_as_json(typed):

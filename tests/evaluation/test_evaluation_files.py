@@ -266,7 +266,7 @@ def _edited(**columns):
 )
 def test_rows_that_are_not_one_for_each_episode_and_agent_are_refused(columns):
     table, units = _edited(**columns)
-    with pytest.raises(ValueError, match="not one row for each episode and agent"):
+    with pytest.raises(ValueError, match="expected one row for each episode and agent"):
         Evaluation.of_columns("mine", table, units, RECORD)
 
 

@@ -173,7 +173,7 @@ def test_rows_come_back_from_columns() -> None:
     order = np.arange(3 * EPISODES)
     order[[0, 4]] = 4, 0
     for wrong in ("episode", "agent"):
-        with pytest.raises(ValueError, match=r"^there is not one row for each episode and agent$"):
+        with pytest.raises(ValueError, match=r"^expected one row for each episode and agent, sorted by episode$"):
             Evaluation.of_columns("one", {**table, wrong: table[wrong][order]}, UNITS, {})
-    with pytest.raises(ValueError, match=r"^there is not one row for each episode and agent$"):
+    with pytest.raises(ValueError, match=r"^expected one row for each episode and agent, sorted by episode$"):
         Evaluation.of_columns("one", {name: values[:0] for name, values in table.items()}, UNITS, {})

@@ -146,8 +146,8 @@ def test_a_row_does_not_depend_on_its_batch(run, team):
         ({"method": "continuous", "enabled": True}, "does not enforce 'deputy_collision'; use the method 'backup'"),
         ({"method": "simplex", "enabled": True}, "does not enforce 'deputy_collision'"),
         ({"deputy_radius": 0.0}, "greater than 0"),
-        ({"constraints": ("deputy_collision", "deputy_collision")}, "name one twice"),
-        ({"deputy_radius": 800.0, "enabled": True}, "leaves no room"),
+        ({"constraints": ("deputy_collision", "deputy_collision")}, "contain a duplicate"),
+        ({"deputy_radius": 800.0, "enabled": True}, "must be less than r_max"),
     ],
 )
 def test_bad_parameters_are_named(values, message):

@@ -104,7 +104,7 @@ def test_adversaries_break_nothing_in_the_task():
     ("override", "message"),
     [
         ("reference_store.max_distance=20 km", "the thrusters give 0.0833 m/s"),
-        ("frame_rate=0.1", "shorten the steps"),
+        ("frame_rate=0.1", "use shorter steps"),
     ],
 )
 def test_what_cannot_be_promised_is_refused(override, message):
@@ -170,5 +170,7 @@ def test_a_disturbed_docking_is_filtered_by_its_estimates():
 
 @pytest.mark.parametrize("bounds", [{"velocity": 0.02}, {"velocity_error": 0.03}, {"thrust_gain": 0.5}])
 def test_bounds_that_leave_nothing_are_refused(bounds):
-    with pytest.raises(ValueError, match="the bounds of `disturbance` leave nothing of the speed limit or of braking"):
+    with pytest.raises(
+        ValueError, match="the bounds of `disturbance` exceed the margin of the speed limit or of braking"
+    ):
         RTAGlueCWHDocking3d(enabled=True, disturbance=bounds)

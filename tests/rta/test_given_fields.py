@@ -96,7 +96,7 @@ def test_a_team_keeps_the_distances_that_are_given():
     assert RTAGlueCWHInspection1v1(
         constraints=("r_max", DeputyCollision(deputy_radius=8.0)), enabled=True
     )._decentralised._team._models[1].constraints[0].near == 16.0  # fmt: skip
-    with pytest.raises(ValueError, match="of deputy_collision leaves no room within r_max"):
+    with pytest.raises(ValueError, match="of deputy_collision must be less than r_max"):
         TeamFilter({}, ("r_max", DeputyCollision(deputy_radius=900.0)))
 
 

@@ -328,7 +328,7 @@ def test_the_share_of_states_that_weak_thrusters_keep():
         ({"constraints": ("sun", "sun")}, "is given twice"),
         ({"step_size": 600.0}, "too long a part of the orbit"),
         ({"r_max": 9.0}, "does not exceed collision_radius"),
-        ({"deputy_radius": 900.0}, "leaves no room within r_max"),
+        ({"deputy_radius": 900.0}, "must be less than r_max"),
         ({"deputy_radius": -1.0}, "greater than 0"),
     ],
 )

@@ -255,7 +255,9 @@ def test_offered_names_occur_once_and_give_rows() -> None:
     for kind in ("of_world", "of_view", "of_team", "of_step"):
         other = SimpleNamespace(of_world=dict, of_view=dict, of_team=dict, of_step=dict)
         setattr(other, kind, getattr(giving, kind))
-        with pytest.raises(ValueError, match=r"two components offer '.*'; rename one, or remove one of the components"):
+        with pytest.raises(
+            ValueError, match=r"two components provide the name '.*'; rename one, or remove one of the components"
+        ):
             offers.add(other)
     assert offers.components == [giving]
     state = filled()

@@ -105,7 +105,7 @@ def test_points_without_a_sun_before_them_are_refused():
 
 
 def test_two_components_do_not_offer_the_same():
-    with pytest.raises(ValueError, match=r"two components offer '.*'; rename one"):
+    with pytest.raises(ValueError, match=r"two components provide the name '.*'; rename one"):
         simulation(Sun(), Sun())
 
 

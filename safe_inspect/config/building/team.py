@@ -157,14 +157,14 @@ def _sampled_with(reset: ResetPlan, safety: SafetyGlue) -> dict[str, Any]:
 def _own_refusals(
     filters: Mapping[int, SafetyGlue], states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
-    """Test a deputy with its filter, if that is not the first deputy's; see `TeamTest`."""
+    """Return the rejected samples of a deputy by its own filter in `filters`, if it has one there; see `TeamTest`."""
     return filters[index].refusals(states) if index in filters else {}
 
 
 def _team_refusals(
     safety: TeamSafety, states: Mapping[str, FloatArray], index: int, before: Mapping[str, FloatArray]
 ) -> dict[str, BoolArray]:
-    """Test a deputy together with the deputies before it; see `TeamTest`."""
+    """Return the rejected samples of a deputy together with the deputies sampled before it; see `TeamTest`."""
     team = {
         name: np.concatenate((before[name], states[name][:, None]), axis=1) if before else states[name][:, None]
         for name in ("position", "velocity")

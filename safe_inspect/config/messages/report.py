@@ -94,7 +94,11 @@ def _without_unions(faults: list[_Fault]) -> list[_Fault]:
 
 
 def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
-    """Return the errors of the member that best matches the value's type; one error for all if none matches."""
+    """Return the errors of that member of a union type that was most likely meant.
+
+    Of the members that accept the value's type, it is the one with the fewest errors. If there is none, a single error
+    names the types that all members expect.
+    """
     fitting = [
         member
         for member in members

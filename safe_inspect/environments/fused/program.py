@@ -175,7 +175,10 @@ class Program:
         self.glues.append((glue, columns))
 
     def _read(self, term: RowTerm) -> None:
-        """Give the readings that a term reads separate columns, unless they already have columns."""
+        """Reserve columns of the matrix of readings for what a term reads, and add the calls that fill them.
+
+        Readings that already have columns are not computed again.
+        """
         for reading in term.read:
             if reading.key in self._columns:
                 continue

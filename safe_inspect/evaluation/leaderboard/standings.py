@@ -15,10 +15,10 @@ from safe_inspect.types import FloatArray
 
 _HEAD = ("", "success", "points", "delta-v [m/s]", "time [s]", "decisions", "violations", "training steps", "wall time")
 _LEGEND = (
-    "Success with Wilson's 95 % interval. Points, delta-v of a deputy, time to the end and decisions are means; the",
-    "decisions of a plan are its burns. Violations: share of the episodes in which a constraint of the task's safety",
-    "filter was violated at a step, whether the filter is on or off. [evaluation.md](evaluation.md#leaderboard) says",
-    "how to add a row.",
+    "Success has Wilson's 95 % interval. Points (inspected points), delta-v of a deputy, time to the end of an episode",
+    "and decisions are means; the decisions of a plan are its burns. Violations are the share of the episodes in which",
+    "a constraint of the task's safety filter was violated at a step, also if the filter is not enabled.",
+    "[evaluation.md](evaluation.md#leaderboard) describes how to add a row.",
 )
 
 
@@ -121,8 +121,8 @@ def leaderboard_page(leaderboard: Leaderboard, standings: Sequence[Sequence[Stan
     lines = [
         "# Leaderboard",
         "",
-        f"Every row is of the same {leaderboard.episodes:,} episodes of seed {leaderboard.seed}; those in italics are "
-        "published figures of other episodes.",
+        f"All rows are evaluated on the same {leaderboard.episodes:,} episodes of seed {leaderboard.seed}; rows in "
+        "italics are published figures of other episodes.",
         "",
         f"    {command}",
         "",

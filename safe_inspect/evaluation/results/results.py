@@ -179,7 +179,7 @@ class Evaluation:
 
         Raises:
             KeyError: A column is missing.
-            ValueError: There is not one row for each episode and agent.
+            ValueError: The rows are not one for each episode and agent, sorted by episode.
         """
         names = list(dict.fromkeys(table["agent"].tolist()))
         count = len(table["episode"]) // max(len(names), 1)
@@ -189,7 +189,7 @@ class Evaluation:
             or not np.array_equal(table["episode"], np.arange(count).repeat(len(names)))
             or table["agent"].tolist() != names * count
         ):
-            raise ValueError("there is not one row for each episode and agent")
+            raise ValueError("expected one row for each episode and agent, sorted by episode")
         first = slice(None, None, len(names))
         agents = {}
         for place, name in enumerate(names):

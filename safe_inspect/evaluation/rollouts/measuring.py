@@ -45,7 +45,9 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
             raise SafeInspectError(f"two metrics have the label {label!r}; remove one, or use a class with another")
     for metric in metrics:
         if not isinstance(metric, (Metric, TeamMetric)):
-            raise SafeInspectError(f"the metric {metric.registered_name} extends neither Metric nor TeamMetric")
+            raise SafeInspectError(
+                f"the metric {metric.registered_name} extends neither Metric nor TeamMetric; derive it from one of them"
+            )
         for agent in spec.agents:
             known = spec.names(agent)
             for field, kind in metric.references().items():

@@ -45,8 +45,8 @@ class Exported:
     Attributes:
         path: The file.
         info: The description of the policy in the file.
-        difference: Difference from the checkpoint, over random and flown observations together.
-        flown: Number of the observations that come from rollouts.
+        difference: Difference from the checkpoint, measured on random observations and on observations from rollouts.
+        flown: Number of observations from rollouts.
     """
 
     path: Path

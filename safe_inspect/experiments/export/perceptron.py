@@ -59,7 +59,9 @@ def export_perceptron(
     experiment = load_experiment(cfg, overrides)
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     if len(agents) != 1:
-        raise CheckpointError(f"{cfg}: the task has {len(agents)} agents, but one net controls only one")
+        raise CheckpointError(
+            f"{cfg}: the task has {len(agents)} agents, but a net controls only one; give a task with one agent"
+        )
     info = replace(
         policy_info(experiment, SINGLE, agents, exportable=True),
         configuration=portable(experiment.resolved),

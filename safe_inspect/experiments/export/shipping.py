@@ -152,4 +152,4 @@ def _card(card: CardData) -> str:
     try:
         return model_card(card)
     except (KeyError, TypeError, ValueError) as error:
-        raise CheckpointError(f"an evaluation lacks values that the card needs ({error}); evaluate again") from None
+        raise CheckpointError(f"an evaluation lacks values for the model card ({error}); evaluate again") from None

@@ -27,7 +27,7 @@ def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
         return folder
     if configuration_of(folder) is None:
         raise CheckpointError(
-            f"{path}: this is neither a checkpoint nor the folder of a training run; give the folder of either"
+            f"{path}: this is neither a checkpoint nor the folder of a training run; give one of these"
         )
     found = find_newest(folder)
     if found.newest is None:

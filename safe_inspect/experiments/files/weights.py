@@ -102,18 +102,21 @@ def read_weights(folder: Path) -> Weights:
         missing = {"format", "safe_inspect", "net"} - set(texts)
         if missing:
             texts_missing = ", ".join(f"`{name}`" for name in sorted(missing))
-            raise CheckpointError(f"{path}: this is not a policy of safe_inspect: its header lacks {texts_missing}")
+            raise CheckpointError(
+                f"{path}: this is not a policy of safe_inspect: its header lacks {texts_missing}; give a checkpoint of "
+                "`safe_inspect.train_rl`"
+            )
         if texts["format"] != str(POLICY_FORMAT):
             raise CheckpointError(
                 f"{path}: the weights were written by safe_inspect {texts['safe_inspect']}, whose format this version "
-                "does not read"
+                "does not read; use that version, or train again"
             )
         net = json.loads(texts.pop("net"))
         model = {**net["model_config"], INFO: texts}
         info_of(model)  # checks the metadata now and not when it is first used
         return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
-        raise CheckpointError(f"{path}: the weights are damaged ({error})") from None
+        raise CheckpointError(f"{path}: the weights are damaged ({error}); use another checkpoint") from None
 
 
 def initial_weights(source: str) -> Weights:

@@ -70,7 +70,7 @@ class Candidate:
         return price_of(self.experiment.spec)
 
     def measured(self, metrics: Sequence[BaseMetric]) -> list[BaseMetric]:
-        """Return the given metrics, and those default metrics that have other labels.
+        """Return the given metrics and the default metrics, of which those with a label of a given one are omitted.
 
         Raises:
             SafeInspectError: A metric names something that the task does not have.

@@ -1,4 +1,7 @@
-"""Start and stop of Ray for a run: without output, in a separate folder, and without leftover files or processes."""
+"""Starting and stopping Ray for a run.
+
+Ray prints nothing, writes to a separate folder, and leaves neither files nor processes behind.
+"""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def _together(pairs: Iterable[tuple[str, Path]]) -> dict[str, list[Path]]:
 
 
 def _configuration(progress: Path) -> Mapping[str, Any]:
-    """Return the learning configuration of a run without its seed; if it has no record, the folder's name undated."""
+    """Return the learning configuration of a run without its seed; without a record, the folder's name without date."""
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
@@ -118,7 +118,7 @@ def _without_seed(value: Any) -> Any:
 
 
 def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
-    """Return a name for each recipe: the values in which it differs, or the folder's name if there are many."""
+    """Return a name for each recipe: its values of the keys that differ, or the folder's name if too many differ."""
     flat = [dict(_leaves(configuration)) for configuration in configurations]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
     differing: dict[
@@ -141,7 +141,7 @@ def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -
 
 
 def _among_rllib_keys(path: str) -> str:
-    """Return the path at which the record repeats, translated, a key that an agent's policy gives."""
+    """Return the path below `rllib_configs` at which the record repeats a key of an agent's policy, renamed."""
     key = _OF_POLICY.match(path)
     head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
     return f"rllib_configs.{current_name(head)}{dot}{tail}"

@@ -31,7 +31,9 @@ def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
         return None
     made = built(entry, "tune_config.scheduler")
     if not isinstance(made, TrialScheduler):
-        raise mistake(f"{entry['functor']!r} is not a scheduler of ray.tune", "tune_config.scheduler")
+        raise mistake(
+            f"{entry['functor']!r} is not a scheduler of ray.tune; name a TrialScheduler", "tune_config.scheduler"
+        )
     return made
 
 
@@ -51,7 +53,7 @@ def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> 
     where = "tune_config.search_alg"
     made = built(entry, where)
     if not isinstance(made, Searcher):
-        raise mistake(f"{entry['functor']!r} is not a searcher of ray.tune", where)
+        raise mistake(f"{entry['functor']!r} is not a searcher of ray.tune; name a Searcher", where)
     own = entry["config"]
     logging.getLogger("optuna").setLevel(logging.WARNING)  # optuna logs a line for each study
     try:

@@ -2,7 +2,7 @@
 
 RLlib's own ("stock") runners have a Python object for each environment and pass every step through connectors. These
 runners use arrays, and create RLlib's episodes from them when a sample is requested. If they do not support a training,
-the stock runner from which they are derived samples instead: see `safe_inspect.experiments.sampling.capabilities`.
+the stock runner from which they are derived samples instead: see `safe_inspect.experiments.settings.capabilities`.
 """
 
 from __future__ import annotations

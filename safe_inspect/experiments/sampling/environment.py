@@ -37,7 +37,7 @@ def require_steps(team: TeamEnvironment) -> None:
     if team.decides:
         raise SafeInspectError(
             "decisions that last several steps (CoastGlue) need the batched runner; remove the keys that select "
-            "RLlib's stock runner"
+            "RLlib's stock runner, such as `env_runner: stock`"
         )
 
 

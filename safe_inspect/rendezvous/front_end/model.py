@@ -49,16 +49,16 @@ def _is_beyond(off: FloatArray, limits: tuple[float, float]) -> bool:
 
 @dataclass(eq=False)
 class _Hypothesis:
-    """Hypothesis of the shape's pose.
+    """A hypothesis of the target's pose, which is followed over several frames.
 
     Attributes:
-        found: The newest registration.
-        first: Its registration at the first frame of the search.
+        found: The newest registration of the target's shape.
+        first: The registration in the first frame of the search.
         first_number: Number of that frame.
-        motion: Predictor of its motion.
-        failures: Number of consecutive frames in which it did not fit.
-        score: Its score in the newest frame [m].
-        scores: Its scores at the distinct views [m].
+        motion: Predictor of the target's motion under this hypothesis.
+        failures: Number of consecutive frames in which the hypothesis did not match.
+        score: Score in the newest frame [m].
+        scores: Scores at the distinct views [m].
     """
 
     found: Registration

@@ -58,7 +58,7 @@ class Mission:
     Args:
         config: The experiment.
         number: Number of the mission, from which its tumble and noise are sampled.
-        progress: Called at every change of state.
+        progress: Called at every change of phase with the time [s], the old phase, the guard and the new phase.
         watch: Called at every control step with the pilot's current memory, which it must not change.
         reads: Kinds of measurements to simulate in addition to those that the estimator reads.
 

@@ -117,7 +117,7 @@ class PlanQuery:
             raise ValueError("plan query: durations must be positive and waits not negative [s], at least one of each")
         if self.mean_motion and self.limits.keep_in is None:
             raise ValueError(
-                "plan query: on an orbit (mean_motion > 0) limits.keep_in must be given: it bounds the tide"
+                "plan query: on an orbit (mean_motion > 0) limits.keep_in must be given: it bounds the tidal force"
             )
 
     @property

@@ -52,7 +52,11 @@ class DisturbanceAdversary:
         return RelativeState(state.position + errors[0], state.velocity + errors[1], state.sun_angle)
 
     def flown(self, control: FloatArray) -> FloatArray:
-        """Return the applied thrust [N], shape (R, 3): rotated towards the push, and longer along it."""
+        """Return the applied thrust [N], shape (R, 3), with the largest errors that the bounds allow.
+
+        The thrust is rotated towards the direction of the disturbance by `thrust_direction`. Its magnitude is increased
+        by the factor `thrust_gain` if it has a component in that direction, otherwise decreased.
+        """
         size = np.linalg.norm(control, axis=1, keepdims=True)
         along = control / np.maximum(size, 1e-300)
         part = (along * self.direction).sum(axis=1, keepdims=True)
@@ -62,7 +66,7 @@ class DisturbanceAdversary:
         return np.asarray(gain * size * (np.cos(angle) * along + np.sin(angle) * across))
 
     def disturbed(self, state: RelativeState) -> RelativeState:
-        """Return the states after the velocity that the disturbance adds in a step."""
+        """Return the states after adding the velocity that the disturbance causes in a step."""
         added = self._bounds.velocity * self.direction
         return RelativeState(state.position, state.velocity + added, state.sun_angle)
 

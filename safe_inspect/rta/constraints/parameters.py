@@ -42,21 +42,22 @@ def braking_acceleration(
 class TaskParameters(BaseModel):
     """Parameters of a task that constraints and safety filters need; all quantities accept units.
 
-    In an experiment, `step_size`, `n`, `m` and `u_max` default to the values of the world: those of the frame rate, the
-    simulator, the platform and the controllers. A null counts as not given.
+    In an experiment, four of them default to values of the simulated world: `step_size` to the period of the frame
+    rate, `n` to the mean motion of the simulator, `m` to the mass of the platform, and `u_max` to the limit of the
+    controllers. The value null means that the default is used.
 
     Attributes:
         step_size: Time for which a control is held [s]. No constraint depends on it, but the filters do.
         collision_radius: Range at which the deputy hits the chief [m].
         v0: Speed allowed at `v0_distance` [m/s].
         v0_distance: Range at which the speed `v0` is allowed [m]; by default, the collision radius.
-        v1_coef: Slope of the speed limit over the range, as a multiple of n [-].
+        v1_coef: Slope of the speed limit, v0 + v1_coef n (range - v0_distance), as a multiple of n [-].
         n: Mean motion [rad/s].
         r_max: Largest range [m].
         u_max: Largest thrust of each axis [N].
         m: Mass of the deputy [kg].
         fov: Full opening angle of the sun keep-out cone [rad], which is the field of view of the sensor.
-        vel_limit: Largest speed along each axis [m/s].
+        vel_limit: Largest allowed speed along each axis [m/s].
         psm_horizon: Duration for which coasting must be safe [s].
     """
 

@@ -58,23 +58,23 @@ class Node(NamedTuple):
 
 
 class ArcCell(NamedTuple):
-    """Cell of an arc under constant thrust.
+    """Time interval of an arc under constant thrust, with bounds that hold throughout it; h is its length [s].
 
     Attributes:
         a: Start of the cell.
         b: End of the cell.
         acceleration_a: Acceleration at the start [m/s^2].
         acceleration_b: Acceleration at the end [m/s^2].
-        eighth: One eighth of the squared length of the cell [s^2].
-        k: The same in units of 1 / n^2 [-].
+        eighth: h^2 / 8 [s^2].
+        k: n^2 h^2 / 8 [-], n being the mean motion.
         reach: Bound on |v| + |a| / n over the cell [m/s].
-        bend: Bound on the distance of the position from the chord between its ends [m].
-        slack: The same bound for the velocity [m/s].
-        farthest: Bound on the range [m].
+        bend: Upper bound on the distance of the position from the straight line between its ends [m].
+        slack: Upper bound on the distance of the velocity from the straight line between its ends [m/s].
+        farthest: Upper bound on the range [m].
         size: Length of the sum of the two positions [m]; where it is 0, the attributes below are not finite.
         near_a: Component of the first position along the direction of that sum [m].
         near_b: The same component of the second position [m].
-        dip: Bound on how far that component falls below its chord [m].
+        dip: Upper bound on how far that component falls below the straight line from `near_a` to `near_b` [m].
     """
 
     a: Node
@@ -108,7 +108,7 @@ class ClosedCell(NamedTuple):
     """Cell of a closed natural motion; attributes that `ArcCell` also has are described there.
 
     Attributes:
-        k: One eighth of the squared angle [rad^2].
+        k: One eighth of the squared angle of the cell [rad^2].
         centre: Centre of the motion along y [m].
         rho: Bound on all derivatives of the position with respect to the angle [m].
     """

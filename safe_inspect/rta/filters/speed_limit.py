@@ -79,9 +79,13 @@ class SpeedLimitFilter:
             )
         room = 0.1 * min(p.v0, p.vel_limit)
         if self._slope * p.step_size > 0.01 or self._rest - 2.0 * added > room:
-            raise ValueError(f"speed and limit change too much within a step of {p.step_size:g} s; shorten the steps")
+            raise ValueError(
+                f"the speed or the speed limit changes too much within a step of {p.step_size:g} s; use shorter steps"
+            )
         if p.u_max / p.m < needed + lost or self._rest + self._missed > room:
-            raise ValueError("the bounds of `disturbance` leave nothing of the speed limit or of braking; lower them")
+            raise ValueError(
+                "the bounds of `disturbance` exceed the margin of the speed limit or of braking; lower them"
+            )
 
     def phi(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Return L(r) - speed [m/s], shape (R,)."""

@@ -48,7 +48,7 @@ class Draw:
 
 
 class Parameter(Plugin):
-    """A value that is drawn at every reset.
+    """A value that is sampled at every reset.
 
     Calling it returns the SI value, shape (R,), or a mapping of named states.
     """
@@ -57,7 +57,7 @@ class Parameter(Plugin):
 
     @abstractmethod
     def __call__(self, draw: Draw) -> Value:
-        """Return the drawn value, SI."""
+        """Return the sampled value in SI units."""
 
     @property
     def symbol(self) -> str | None:
@@ -149,7 +149,7 @@ class TruncatedNormalParameter(ScalarParameter):
     @model_validator(mode="after")
     def _ordered(self) -> TruncatedNormalParameter:
         if not self.low < self.high:
-            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high})")
+            raise ValueError(f"`low` ({self.low}) is not below `high` ({self.high}); change one of them")
         if not self._tail(self._span[1]) > self._tail(self._span[0]):
             raise ValueError(
                 f"[{self.low}, {self.high}] lies too far from `mu` ({self.mu}) for a `std` of {self.std}; widen one"

@@ -33,13 +33,13 @@ class MemoryBase(IntEnum):
 
 @dataclass(frozen=True)
 class Scene:
-    """Data in which the locations of inputs are looked up.
+    """Arrays of a simulation, from which the memory locations of a row kernel's inputs are determined.
 
     Attributes:
         world: The constant data of the simulation.
         group: The agents.
         state: A state with the required number of environments.
-        columns: Columns of the sensors' readings in a matrix with one row for each environment and agent.
+        columns: Columns of each sensor in the matrix of readings, which has a row for each environment and agent.
         width: Number of columns of that matrix.
     """
 

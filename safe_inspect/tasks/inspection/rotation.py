@@ -26,14 +26,15 @@ _ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
 
 
 class BodyAxes(NamedTuple):
-    """Data of N environments on a rotating body, and the other bodies and the sun in its axes.
+    """Attitude of a rotating body in N environments, and the B bodies and the sun expressed in its axes.
 
     Attributes:
         angle: Angle of rotation since the reset, not wrapped [rad], shape (N,).
-        orientation: Attitude of the body, from its axes to Hill's frame, shape (N, 4).
-        position: Positions of the bodies relative to it, in its axes [m], shape (N, B, 3).
-        sun: Unit vectors to the sun in its axes [-], shape (N, 3).
-        attitude: Attitudes of the bodies, from their axes to its axes, shape (N, B, 4); (N, 0, 4) if they are points.
+        orientation: Quaternion from the axes of the rotating body to Hill's frame, shape (N, 4).
+        position: Positions of the B bodies relative to the rotating body, in its axes [m], shape (N, B, 3).
+        sun: Unit vectors to the sun in the axes of the rotating body [-], shape (N, 3).
+        attitude: Quaternions from the axes of each of the B bodies to those of the rotating body, shape (N, B, 4);
+            (N, 0, 4) if the bodies are points.
     """
 
     angle: FloatArray

@@ -178,6 +178,6 @@ def test_a_target_is_read_of_a_mesh_or_of_a_key(tmp_path: Path) -> None:
     assert read_target(tmp_path / "BRACKET.OBJ").swept_radius == read_target(bracket).swept_radius
     assert len(read_target(tmp_path / "target.yml").boxes.centre) == 1
     with pytest.raises(
-        ConfigError, match=r"list.yml: it has no key `target`; give an experiment, another file with it, or a mesh"
+        ConfigError, match=r"list.yml: the file has no key `target`; give a rendezvous experiment, another YAML file"
     ):
         read_target(tmp_path / "list.yml")

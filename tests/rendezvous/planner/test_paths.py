@@ -55,7 +55,7 @@ def test_the_bounds_of_a_sampled_path_hold_between_its_samples(seed):
     ("times", "rows", "message"),
     [
         ([0.0], 1, "ascend"),
-        ([0.1, 1.0], 2, "ascend from 0 s"),
+        ([0.1, 1.0], 2, "start at 0 s and increase"),
         ([0.0, 1.0, 1.0], 3, "ascend"),
         ([0.0, 1.0], 3, "shape"),
     ],

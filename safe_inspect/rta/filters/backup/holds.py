@@ -64,7 +64,10 @@ def hold(
 
 @njit(**BORROWING)
 def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple[float, float, float]:
-    """Return the position after the thrust u for k / 256 of a hold and coasting to entry j of the horizon [m]."""
+    """Return the position after the thrust u for k / 256 of a hold, followed by coasting, in Hill's frame [m].
+
+    The time of coasting is j `coast_step`, see `FilterModel`.
+    """
     b, phi = held(m, x, u, k), m.coast[j]
     return (
         phi[0, 0] * b[0] + phi[0, 3] * b[3] + phi[0, 4] * b[4],
@@ -75,7 +78,10 @@ def coasted(m: FilterModel, x: RowState, u: FloatArray, k: int, j: int) -> tuple
 
 @njit(**BORROWING)
 def _remains(dip: float, one: float, other: float) -> float:
-    """Return the rest of a dip below a chord whose rise is between the two numbers; see `lowest`."""
+    """Return how far a dip below a chord extends below the chord's lower end; see `lowest`.
+
+    The rise of the chord is between the numbers `one` and `other`.
+    """
     rise = min(abs(one), abs(other)) if one * other > 0.0 else 0.0
     return 0.0 if rise >= 4.0 * dip else dip * (1.0 - 0.25 * rise / dip) ** 2
 

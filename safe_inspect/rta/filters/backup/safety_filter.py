@@ -92,7 +92,10 @@ class BackupFilter(SafetyFilter):
                     f"define `half_space` for this filter, or are only for the continuous filter)"
                 )
         if len(further) > _MOST_FURTHER:
-            raise ValueError(f"the backup filter takes at most {_MOST_FURTHER} constraints besides {', '.join(NAMES)}")
+            raise ValueError(
+                f"the backup filter supports at most {_MOST_FURTHER} constraints in addition to {', '.join(NAMES)}; "
+                "remove some"
+            )
         if self.parameters.n * self.parameters.step_size > _LARGEST_TURN:
             raise ValueError(
                 f"a hold of {self.parameters.step_size} s is too long a part of the orbit: "

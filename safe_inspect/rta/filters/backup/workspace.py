@@ -68,11 +68,14 @@ def workspace(most: int) -> Workspace:
 
 @njit(error_model="numpy")
 def as_int(value: int) -> int:
-    """Return a constant as a number; for a literal, the compiler would make a separate copy of the called function."""
+    """Return a constant as an integer of type int64.
+
+    If a function is called with a literal, Numba compiles a separate copy of it for that literal.
+    """
     return int(np.int64(value))
 
 
 @njit(error_model="numpy")
 def as_bool(value: bool) -> bool:
-    """Return a constant as a truth value; see `as_int`."""
+    """Return a constant as a value of type bool; see `as_int`."""
     return bool(np.bool_(value))

@@ -124,9 +124,10 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 @njit(**BORROWING)
 def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write to `t.best` a tested control between the backup and the last proposal, the nearest to it that is found.
+    """Search between the backup and the last proposal for the safe control nearest to the desired one; fill `t.best`.
 
-    First all deputies move together, then one after another from the result.
+    First, a bisection moves all deputies together from the backup towards the proposal. Then each deputy in turn moves
+    alone from the result towards the proposal. Each accepted control has passed the exact test, see `_better`.
 
     Returns:
         Whether the control differs from the backup.
@@ -163,10 +164,10 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
 
 @njit(**BORROWING)
 def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
-    """Write the thrust of a joint plan of the present states to `t.backup`; return whether there is one.
+    """Write the thrust of a joint plan from the current states to `t.backup`; return whether there is one.
 
-    A plan that was accepted with the full margins is still safe with half of them, whatever the rounding since. The
-    stored plan is tried before others, so it is found again.
+    The stored plan is tried before others, with the full margins and then with half of them. It was accepted with the
+    full margins, and rounding errors since then are smaller than half of them, so it always passes.
     """
     for half in range(2):
         margins = scaled(MARGINS, 1.0 - 0.5 * half)

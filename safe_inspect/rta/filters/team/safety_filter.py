@@ -120,30 +120,32 @@ class TeamResult:
 class TeamFilter:
     """Filter that applies the nearest joint control that is safe over the whole hold and leaves a joint backup plan.
 
-    A *joint plan* consists of a backup plan for each deputy (see `BackupFilter`: one hold of thrust to a closed natural
-    motion that is safe permanently) such that every two deputies stay 2 r_d apart through the holds and over one orbit
-    of the motions. All closed motions have the period of the orbit, and so have the relative ones: one orbit is enough.
-    The desired thrusts are applied if the hold is safe at every moment for each deputy and each pair, and the state
-    after it has a joint plan. Otherwise, cutting planes lead to the nearest such thrusts: each round linearises all
-    constraints of deputies and pairs that the last proposal violates, and solves one quadratic programme over all 3 D
-    thrusts. A proposal is accepted only if it passes the exact test. If none does, the search continues between the
-    thrusts of the joint plan that was found with the last step, which pass by induction, and the last proposal.
+    A *joint plan* consists of a backup plan for each of the D deputies (see `BackupFilter`: one hold of thrust that
+    leads to a closed natural motion that is safe permanently) such that every two deputies stay 2 r_d apart during the
+    holds and over one orbit of the motions (r_d: `deputy_radius`). All closed motions have the period of the orbit, and
+    so have the relative motions: checking one orbit is enough.
+
+    The desired thrusts are applied if they pass the exact test: the hold is safe at every moment for each deputy and
+    each pair, and the state after it has a joint plan. Otherwise, cutting planes search for the nearest thrusts that
+    pass: each round linearises all constraints of deputies and pairs that the last proposal violates, and solves one
+    quadratic programme over all 3 D thrusts. If no proposal passes, the search continues between the last proposal and
+    the thrusts of the stored joint plan. The latter pass, because the last step was accepted with this plan.
 
     Plans are chosen for one deputy after another, at most D + 2 times, so the filter may miss an existing plan. It then
-    intervenes more than necessary, but violates nothing, because the stored plan passes. A memory of zeros contains no
-    plan: the filter searches for one.
+    intervenes more than necessary, but violates nothing, because the stored plan passes. If the memory is all zeros,
+    there is no stored plan and the filter searches for one.
 
     A deputy that coasts (`TeamState.coasting`) is an obstacle: its own constraints are not enforced. In the first hold
     it applies its part of the stored joint plan, which leads to a closed motion, as the others assume; after that, or
-    if there is none, its thrust is zero. The others avoid it through the hold, and on their plans until it has drifted
-    past or for 4 orbits.
+    if there is no plan, its thrust is zero. The plans of the others avoid it during the hold and until it has drifted
+    past, or for 4 orbits.
 
     Under a disturbance, the joint plan is stored and tracked, and everything is certified with the width of the tube
     about it, for pairs with the widths of both, as `TubeFilter` does for one deputy. Deputies that coast then continue
     to track their plans.
 
-    Without a joint plan, the environment is infeasible; plans that are safe alone and far apart are applied, or the
-    return control of the single filter.
+    If there is no joint plan, the environment is infeasible. Each deputy then applies a plan that is safe by itself and
+    far from the others, or, if there is none, the return control of the single filter.
 
     Deputies are sorted by range, so permuting them gives the same permutation of the result, bit-identical except for
     ties. The result of an environment does not depend on the others of the batch.
@@ -193,9 +195,7 @@ class TeamFilter:
         pair: Any
         for name, pair in self.pair_constraints.items():
             if pair.deputy_radius >= far:
-                raise ValueError(
-                    f"the deputy_radius {pair.deputy_radius} m of {name} leaves no room within r_max {far} m"
-                )
+                raise ValueError(f"the deputy_radius {pair.deputy_radius} m of {name} must be less than r_max, {far} m")
             about[PAIR_CONSTRAINTS[name]] = pair.about_other
         one, two = build_model(p, self.alone.constraints), build_model(p, about)
         self._models = self._starts = one, two
