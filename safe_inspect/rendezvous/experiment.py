@@ -278,7 +278,8 @@ def read_target(path: str | os.PathLike[str]) -> Target:
     tree = load(path)
     if not isinstance(tree, LocatedDict) or "target" not in tree:
         raise ConfigError(
-            f"{os.fspath(path)}: it has no key `target`; give an experiment, another file with it, or a mesh"
+            f"{os.fspath(path)}: the file has no key `target`; give a rendezvous experiment, another YAML file with "
+            "this key, or a mesh (.stl, .ply or .obj)"
         )
     part = _with_absolute_files(
         LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)

@@ -67,7 +67,7 @@ class SampledPath:
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
         count = len(self.times)
         if self.times.shape != (count,) or count < 2 or self.times[0] != 0.0 or not (np.diff(self.times) > 0.0).all():
-            raise ValueError("path: the times of the samples must ascend from 0 s, at least two of them")
+            raise ValueError("path: expected at least two samples whose times start at 0 s and increase")
         for name in ("position", "velocity"):
             value = getattr(self, name)
             if value.shape != (count, 3) or not np.isfinite(value).all():

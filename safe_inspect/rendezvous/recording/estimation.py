@@ -197,7 +197,8 @@ def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: floa
     image = log.frame(frame)
     if not image.valid[row, column]:
         raise ConfigError(
-            f"{log.files[frame]}: column {column}, row {row} has no depth; pick a pixel of the target, see the figure"
+            f"{log.files[frame]}: column {column}, row {row} has no depth; pick a pixel of the target, see the figure "
+            "that --output writes"
         )
     directions = camera.geometry.directions
     place = directions[row, column] * (image.depth[row, column] / directions[row, column, 2])
