@@ -36,7 +36,7 @@ def flip(path):
         (lambda path: flip(path / "learner" / "state.pkl"), "learner/state.pkl is not what was saved"),
         (lambda path: (path / "algorithm_state.pkl").write_bytes(b""), "algorithm_state.pkl is not what was saved"),
         (lambda path: (path / "learner" / "state.pkl").unlink(), "learner/state.pkl is missing"),
-        (lambda path: (path / SEAL).unlink(), "incomplete; saving it was interrupted"),
+        (lambda path: (path / SEAL).unlink(), "incomplete, because saving it was interrupted"),
         (lambda path: (path / SEAL).write_text("{"), "seal .* is damaged"),
         (lambda path: path.rename(path.with_name("elsewhere")), "there is no such checkpoint"),
     ],
