@@ -43,7 +43,7 @@ def test_a_mission_is_drawn_filmed_and_viewed(
         (["--cfg", "a.yml"], "--cfg has no effect on a recorded mission"),
         (["horizon=3"], "KEY=VALUE has no effect on a recorded mission"),
         (["--until", "0.1"], "--until 0.1: no step has ended by then"),
-        (["--output", "a.txt"], "ends in .png, .pdf, .svg"),
+        (["--output", "a.txt"], "must end in .png, .pdf, .svg"),
     ],
 )
 def test_an_option_that_a_mission_does_not_have_is_one_message(
