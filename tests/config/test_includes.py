@@ -84,7 +84,7 @@ def test_a_missing_include_is_reported_at_its_tag(write):
     (problem,) = problems("configs/task/a.yml")
     assert problem.startswith(
         "configs/task/a.yml:3: the included file does not exist: 'configs/tsk/agent.yml' "
-        "(looked for configs/tsk/agent.yml, "
+        "(searched: configs/tsk/agent.yml, "
     )
     assert (configs_root() / "tsk/agent.yml").as_posix() in problem
     assert problem.endswith("; did you mean `configs/task/agent.yml`?")

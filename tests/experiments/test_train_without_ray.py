@@ -110,7 +110,7 @@ def test_a_training_goes_on_from_its_newest_good_checkpoint(tune: Tune, tmp_path
     (start.path / "data").write_text("damaged")
     _, printed = flown(run_of(tmp_path, resume=folder))
     assert tune.given[-1][1].iteration == 3
-    assert printed.startswith("passed over ")
+    assert printed.startswith("skipped ")
     assert "checkpoint_000005" in printed
     (tune.given[-1][1].path / "data").write_text("damaged")
     with pytest.raises(CheckpointError):
