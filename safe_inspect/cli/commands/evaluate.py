@@ -198,7 +198,9 @@ def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: 
         for name in ("episodes", "seed"):
             wanted, flown = getattr(arguments, name), evaluation.record[name]
             if wanted is not None and wanted != flown:
-                raise SafeInspectError(f"--{name} {wanted}: the {name} of {text}, which is not repeated, is {flown}")
+                raise SafeInspectError(
+                    f"--{name} {wanted}: {text} has --{name} {flown} and is not evaluated again; leave it out"
+                )
     options = {"--metric": arguments.metric, "--cfg": arguments.cfg, "--reference": arguments.reference}
     if len(found) == len(sources):
         for option, given in (options | {"KEY=VALUE": arguments.overrides}).items():

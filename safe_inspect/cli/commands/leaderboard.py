@@ -136,7 +136,9 @@ def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
             raise SafeInspectError(f"{where}: {error}") from None
         differing = list(differing_keys(whole, task_of(spec)))
         if differing:
-            raise SafeInspectError(f"{where}: its task differs from that of the board: `{differing[0]}`")
+            raise SafeInspectError(
+                f"{where}: its task differs from that of the board: `{differing[0]}`; put the row into another board"
+            )
         found.append(_Entry(board, row, candidate))
     return found
 

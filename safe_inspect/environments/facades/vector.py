@@ -232,5 +232,7 @@ def _one(seed: int | list[int | None] | tuple[int | None, ...] | AnyArray | None
         raise ArgumentError(f"reset: {len(seed)} seeds are given for {num_envs} environments; give one number for all")
     first = seed[0]
     if not isinstance(first, Integral) or any(value != first + index for index, value in enumerate(seed)):
-        raise ArgumentError("reset: one seed serves all environments: give a number, each slot has its own stream")
+        raise ArgumentError(
+            "reset: one seed serves all environments; give a number, from which each slot derives its own stream"
+        )
     return int(first)

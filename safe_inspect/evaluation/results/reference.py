@@ -42,7 +42,10 @@ def read_reference(path: Path, seed: int, episodes: int, task: Mapping[str, Any]
         raise SafeInspectError(f"{path}: the reference has seed {of_seed}, not {seed}; give --seed {of_seed}")
     apart = [] if task is None or "task" not in content else list(differing_keys(content["task"], task))
     if apart:
-        raise SafeInspectError(f"{path}: the reference is of another task, which differs in {', '.join(apart[:3])}")
+        raise SafeInspectError(
+            f"{path}: the reference is of another task, which differs in {', '.join(apart[:3])}; compute it again with "
+            "`safe-inspect baseline optimiser`"
+        )
     if len(values) < episodes:
         raise SafeInspectError(
             f"{path}: the reference has {len(values)} episodes, fewer than {episodes}; give --episodes {len(values)}"

@@ -40,7 +40,9 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
             known = f"; {did_you_mean(name, outside)}" if outside else ""
             flies = any(agent.name == name for agent in spec.agents)
             what = f"the agent {name!r} is controlled by the task's policy" if flies else f"no agent is named {name!r}"
-            raise SafeInspectError(f"a policy is given for no controlled agent: {what}{known}")
+            raise SafeInspectError(
+                f"a policy is given for an agent that is not controlled by the caller: {what}{known}"
+            )
     missing = [name for name in outside if name not in policies]
     if missing:
         raise SafeInspectError(f"no policy is given for {', '.join(missing)}; give one for each agent")

@@ -83,7 +83,9 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         )
         expected: dict[str, list[int]] = seal["files"]
     except FileNotFoundError:
-        raise CheckpointError(f"{path}: the checkpoint is incomplete, because saving it was interrupted") from None
+        raise CheckpointError(
+            f"{path}: the checkpoint is incomplete, because saving it was interrupted; give an earlier one"
+        ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
     found = _sums(path)

@@ -168,7 +168,9 @@ def _open(
         print(f"skipped {sentence}", file=stream)
     if found.newest is None:
         if found.refused:
-            raise CheckpointError(f"{folder.path}: the run has no complete checkpoint of this configuration")
+            raise CheckpointError(
+                f"{folder.path}: the run has no complete checkpoint of this configuration; start a new run"
+            )
         print(f"{folder.path}: the run has no checkpoint yet; it starts again", file=stream)
     return folder, found.newest
 

@@ -206,7 +206,7 @@ def _tuner(
     if resumed and not settings.single:
         if not (folder.trials / "tuner.pkl").is_file():
             raise CheckpointError(
-                f"{folder.path}: there is no state of Tune from which {len(configs)} trials can be resumed"
+                f"{folder.path}: there is no state of Tune to resume {len(configs)} trials; start a new run"
             )
         return tune.Tuner.restore(
             str(folder.trials), trainable=algorithm, resume_unfinished=True, resume_errored=True, param_space=space
