@@ -41,7 +41,7 @@ class TeamView:
         """Return a value that a component of the task provides, such as ``sun_angle``."""
         offered = self.__dict__["world"].offers.team if "world" in self.__dict__ else {}
         if name not in offered:
-            raise missing("view of the team", name, offered)
+            raise missing("view of the team", name, offered, self)
         return offered[name](self)
 
     @property

@@ -86,7 +86,7 @@ class View:
         """Return a value that a component of the task provides, such as ``sun_direction``."""
         offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
         if name not in offered:
-            raise missing("view", name, offered)
+            raise missing("view", name, offered, self)
         return offered[name](self)
 
     @property
@@ -262,7 +262,7 @@ class Step:
         """Return a value that a component of the task provides, such as ``new_points``."""
         offered = self.__dict__["before"].world.offers.step if "before" in self.__dict__ else {}
         if name not in offered:
-            raise missing("step", name, offered)
+            raise missing("step", name, offered, self)
         return offered[name](self)
 
     @property

@@ -23,7 +23,6 @@ from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
 
-_NOTE = "note: scripted policies fly safe_inspect/TranslationalInspection-v1; give another task with --cfg\n"
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 if str(EXPERIMENTS) not in sys.path:
     sys.path.insert(0, str(EXPERIMENTS))
@@ -109,7 +108,7 @@ def row(out, name):
 
 def test_a_baselines_table_holds_the_figures_of_its_rollout(typed):
     code, out, err = typed("evaluate", "random", *SHORT, "--seed", "3")
-    assert (code, err) == (0, _NOTE)
+    assert (code, err) == (0, "")
     flown = rollout(load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=25"]), baseline("random"), 6, 3)
     for name, values in (
         ("return", flown.returns), ("delta-v", flown.delta_v), ("length", flown.length),
@@ -234,8 +233,14 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
     monkeypatch.setattr("safe_inspect.experiments.modules.sources.rollout", fail)
     code, out, err = typed("evaluate", "zero-thrust", *SHORT, "--output", "out")
     shown = "nothing is kept, as the first batch of 4 episodes was not complete"
-    assert (code, out, err) == (130, "", f"{_NOTE}interrupted; {shown}\n")
+    assert (code, out, err) == (130, "", f"interrupted; {shown}\n")
     assert list(here.iterdir()) == []
+
+
+def test_a_scripted_policy_of_another_task_is_noted(typed):
+    note = "note: DockingAutopilot in safe_inspect/TranslationalInspection-v1; give another task with --cfg\n"
+    assert typed("evaluate", "DockingAutopilot", *SHORT)[2] == note
+    assert typed("evaluate", "DockingAutopilot", *SHORT, "--cfg", "safe_inspect/Docking-v0")[2] == ""
 
 
 def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):

@@ -56,5 +56,8 @@ def test_what_a_task_does_not_offer_is_named():
             thing.sun_angle  # noqa: B018
         assert caught.value.name == "sun_angle"
         assert not hasattr(thing, "sun_angle")
-    with pytest.raises(AttributeError, match="did you mean `position`"):
-        now.positon  # noqa: B018
+    for thing in (now, view, TeamView(now, world)):
+        with pytest.raises(AttributeError, match="did you mean `position`"):
+            thing.positon  # noqa: B018
+    with pytest.raises(AttributeError, match="did you mean `control`"):
+        step.contrl  # noqa: B018

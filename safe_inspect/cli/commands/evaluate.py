@@ -20,6 +20,7 @@ from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.folder import (
     is_evaluation,
@@ -34,7 +35,14 @@ from safe_inspect.evaluation.results.tables import evaluation_table, pooled_tabl
 from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.task import read_metrics
 from safe_inspect.experiments.files.run_folder import git_commit
-from safe_inspect.experiments.modules.sources import DEFAULT_TASK, SHIPPED, Candidate, Wanted, open_candidates
+from safe_inspect.experiments.modules.sources import (
+    DEFAULT_TASK,
+    SHIPPED,
+    Candidate,
+    Wanted,
+    is_scripted,
+    open_candidates,
+)
 from safe_inspect.metrics import BaseMetric
 from safe_inspect.outputs import check_new_folder, check_writable, new_folder
 from safe_inspect.plugins.functor import describe
@@ -140,8 +148,9 @@ def run_evaluate(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         check_writable(arguments.json, [".json"])
     candidates, metrics, reference = _prepared(arguments, sources, None)
-    if arguments.cfg is None and all(candidate.source["kind"] == "scripted" for candidate in candidates):
-        print(f"note: scripted policies fly {DEFAULT_TASK}; give another task with --cfg", file=sys.stderr)
+    scripted = [text for text in sources if is_scripted(text)]
+    if arguments.cfg is None and len(scripted) == len(sources) and set(scripted) - set(BASELINES):  # of another task?
+        print(f"note: {', '.join(scripted)} in {DEFAULT_TASK}; give another task with --cfg", file=sys.stderr)
     found = fly_candidates(arguments, candidates, metrics, reference, show=_print_tables)
     if arguments.json is not None:
         content = [{**item.record, "label": item.label, **item.as_dict()} for item in found]
