@@ -11,15 +11,12 @@ from pydantic import Field
 
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.planning.burns.following import DeputyRows, PlanRows, follow_plans, rows_to_plan
-from safe_inspect.planning.burns.others import coast_others
-from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits
-from safe_inspect.planning.burns.search import AnnealingEffort, revise_plan
-from safe_inspect.planning.burns.turns import take_turns
-from safe_inspect.planning.visibility import lit_from_all_sides, sight_range
+from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
+from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, coast_others
+from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
+from safe_inspect.planning.coverage_problem import lit_from_all_sides, sight_range
 from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
-from safe_inspect.policies.fields import FieldOfView, KeepOutAngle
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
@@ -27,7 +24,11 @@ from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import rotating_body
 from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
-from safe_inspect.units import NonNegativeSpeed, PositiveLength
+from safe_inspect.units import NonNegativeSpeed, PositiveLength, quantity
+
+_KeepOutAngle = quantity("rad", ge=0, lt=math.pi)
+_FieldOfView = quantity("rad", gt=0, le=math.pi)
+
 
 #: Increase of the speed limit with range, in mean motions [-], and cost of time [m/s^2].
 _SPEED_SLOPE, _HASTE = 2.0, 2e-7
@@ -87,8 +88,8 @@ class NaturalMotionInspector(ScriptedPolicy):
     far: PositiveLength = 780.0
     clearance: PositiveLength = 20.0
     speed: NonNegativeSpeed | None = 0.2
-    glare: KeepOutAngle = 0.0
-    field_of_view: FieldOfView = math.pi
+    glare: _KeepOutAngle = 0.0  # type: ignore[valid-type]
+    field_of_view: _FieldOfView = math.pi  # type: ignore[valid-type]
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the plan (its burns, the step of its review, where it leads and when) and the turn to plan."""

@@ -11,9 +11,8 @@ from pydantic import field_validator
 from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName, Plugin
-from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, shortened
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, cross_rows, dot_rows, shortened, size_of_rows
 from safe_inspect.policies.inspector import NaturalMotionInspector
-from safe_inspect.policies.rows import cross_rows, dot_rows, size_of_rows
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View

@@ -17,23 +17,25 @@ import pytest
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.geometry.light import binary_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.planning.coverage.descent import (
+from safe_inspect.planning.coverage_problem import (
+    CoverageProblem,
+    control_authorities,
+    impulse_responses,
+    lit_from_all_sides,
+    perturb_burns,
+    random_burn,
+    resample_sightings,
+    write_positions,
+)
+from safe_inspect.planning.coverage_search import SearchEffort, search_plan
+from safe_inspect.planning.descent import (
     MAX_BURNS,
     burns_of,
     choose_sightings,
     descent_workspace,
     least_fuel,
 )
-from safe_inspect.planning.coverage.inverse import invert
-from safe_inspect.planning.coverage.perturbations import perturb_burns, random_burn, resample_sightings
-from safe_inspect.planning.coverage.problem import (
-    CoverageProblem,
-    control_authorities,
-    impulse_responses,
-    write_positions,
-)
-from safe_inspect.planning.coverage.search import SearchEffort, search_plan
-from safe_inspect.planning.visibility import lit_from_all_sides
+from safe_inspect.planning.matrix_inverse import invert
 from safe_inspect.tasks.inspection.points_model import PointsModel
 
 from ..golden.records import check_record

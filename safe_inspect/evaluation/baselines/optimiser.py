@@ -10,8 +10,8 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.baselines.flight import FlownSlots, fly_slots, sighting_steps
 from safe_inspect.evaluation.baselines.task import CoverageTask, coverage_problem, coverage_task, thrust_reach
-from safe_inspect.planning.coverage.descent import MAX_BURNS
-from safe_inspect.planning.coverage.search import SearchEffort, search_plan
+from safe_inspect.planning.coverage_search import SearchEffort, search_plan
+from safe_inspect.planning.descent import MAX_BURNS
 from safe_inspect.planning.record import Burn, Entry, FlightPlan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan

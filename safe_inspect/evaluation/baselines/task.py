@@ -14,8 +14,13 @@ from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.planning.coverage.problem import CoverageProblem, control_authorities, impulse_responses
-from safe_inspect.planning.visibility import lit_from_all_sides, sight_range
+from safe_inspect.planning.coverage_problem import (
+    CoverageProblem,
+    control_authorities,
+    impulse_responses,
+    lit_from_all_sides,
+    sight_range,
+)
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import sun_directions

@@ -8,8 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.planning.annealing import accepted_cost
-from safe_inspect.planning.coverage.descent import (
+from safe_inspect.planning.burn_search import accepted_cost
+from safe_inspect.planning.coverage_problem import (
+    CoverageProblem,
+    perturb_burns,
+    random_burn,
+    resample_sightings,
+    write_positions,
+)
+from safe_inspect.planning.descent import (
     MAX_BURNS,
     DescentWorkspace,
     burns_of,
@@ -18,13 +25,11 @@ from safe_inspect.planning.coverage.descent import (
     descent_workspace,
     least_fuel,
 )
-from safe_inspect.planning.coverage.perturbations import perturb_burns, random_burn, resample_sightings
-from safe_inspect.planning.coverage.problem import CoverageProblem, write_positions
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
 from safe_inspect.types import FloatArray, IntArray
 
 #: Number of steps between two possible starts of burns, and between two sightings, in the coarse search.
-BURN_STEP, SIGHTING_STEP = 8, 4
+_BURN_STEP, _SIGHTING_STEP = 8, 4
 #: Plans whose fuel differs by less than this share are treated as the same.
 _SAME = 0.01
 #: Hops may pass through plans that are more expensive by this share and amount [m/s] until sightings are improved.
@@ -73,7 +78,7 @@ def search_plan(
             of `start` and `burns` are the plan.
     """
     points = problem.normals.shape[0]
-    workspace = descent_workspace(problem, np.arange(0, problem.coast.shape[0] - 1, BURN_STEP), SIGHTING_STEP)
+    workspace = descent_workspace(problem, np.arange(0, problem.coast.shape[0] - 1, _BURN_STEP), _SIGHTING_STEP)
     cost = np.full(effort.chains, math.inf)
     sightings = np.zeros((effort.chains, points), np.int64)
     sighting = np.zeros(points, np.int64)
@@ -196,7 +201,7 @@ def _refine(
     steps = problem.coast.shape[0] - 1
     wanted = np.zeros(steps, np.bool_)
     wanted[coarse.program.begin] = True
-    wanted[: 2 * BURN_STEP] = True
+    wanted[: 2 * _BURN_STEP] = True
     best, start, burns = math.inf, np.zeros(0, np.int64), np.zeros((0, 3))
     now = sighting.copy()
     for _ in range(_REFINEMENTS):

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import advance_steps
-from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits, burn_steps
+from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, burn_steps
 from safe_inspect.types import FloatArray, IntArray
 
 #: Cost of points that are not inspected [m/s]: once per plan, for each point, and for each by its shortfall.

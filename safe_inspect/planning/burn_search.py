@@ -8,11 +8,27 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.planning.annealing import accepted_cost
-from safe_inspect.planning.burns.evaluation import PlanOutcome, evaluate_plan
-from safe_inspect.planning.burns.problem import BurnProblem, burn_steps
+from safe_inspect.planning.burn_cost import PlanOutcome, evaluate_plan
+from safe_inspect.planning.burn_problem import BurnProblem, burn_steps
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
 from safe_inspect.types import FloatArray, IntArray
+
+
+@njit
+def accepted_cost(cost: float, temperature: float, done: float, uniform: float) -> float:
+    """Return the cost up to which a changed plan is accepted: ``cost - temperature (1 - done) ln(uniform)``.
+
+    Source: N. Metropolis et al., 1953; S. Kirkpatrick et al., "Optimization by Simulated Annealing", 1983, with a
+    temperature that decreases linearly.
+
+    Args:
+        cost: Cost of the current plan.
+        temperature: Initial temperature, in the unit of the cost.
+        done: Completed share of the search, from 0 to 1.
+        uniform: A random number in [0, 1).
+    """
+    return cost - temperature * (1.0 - done) * math.log(uniform + 1e-300)
+
 
 #: Smallest and largest change of a burn, as powers of ten [m/s].
 _SMALLEST, _LARGEST = -3.3, -0.8

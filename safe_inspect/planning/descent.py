@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.planning.coverage.linear_program import LinearProgram, linear_program, set_row, solve
-from safe_inspect.planning.coverage.problem import CoverageProblem, write_positions
+from safe_inspect.planning.coverage_problem import CoverageProblem, write_positions
+from safe_inspect.planning.linear_program import LinearProgram, linear_program, set_row, solve
 from safe_inspect.types import FloatArray, IntArray
 
 #: Margin by which a position must satisfy its limit [m], as the simulator's sums are rounded differently.

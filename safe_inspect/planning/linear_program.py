@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.planning.coverage.inverse import invert
-from safe_inspect.planning.coverage.problem import CoverageProblem
+from safe_inspect.planning.coverage_problem import CoverageProblem
+from safe_inspect.planning.matrix_inverse import invert
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Largest violation that is tolerated, as a velocity change [m/s].
