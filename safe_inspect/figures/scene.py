@@ -6,22 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import point_colours, radius_of, reach_of, time_norm
-from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
-from safe_inspect.geometry.picture import (
-    BLACK,
-    FRONT,
-    GREY,
-    ORANGE,
-    PALE,
-    VERMILION,
-    VIEW,
-    pieces,
-    ring,
-    sun_arrow,
-)
-from safe_inspect.types import FloatArray
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line, radius_of, reach_of, time_norm
+from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VERMILION, VIEW, pieces, ring, sun_arrow
+from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,6 +95,12 @@ def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) ->
         )  # fmt: skip
 
 
+def _point_colours(episode: Trajectory) -> list[tuple[BoolArray, str]]:
+    """Return masks of points with their colours: the points of each deputy, and those that nobody has inspected."""
+    owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
+    return [*owners, (~np.isfinite(episode.inspected_at), GREY)]
+
+
 def _draw_chief(axes: Any, episode: Trajectory) -> None:
     """Draw the sphere and the points on its near side, in the colours of the large chief below."""
     radius = radius_of(episode)
@@ -121,7 +115,7 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
         axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
         axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
         return
-    for which, colour in point_colours(episode):
+    for which, colour in _point_colours(episode):
         axes.scatter(*episode.points[which & front].T, color=colour, **dots)
 
 
@@ -133,11 +127,11 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
         axes.plot(*pieces(way, which).T, zorder=place, label=label if order == 3 else None, **kwargs)
 
 
-def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
+def largest_burns(episode: Trajectory, deputy: int) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the steps of a deputy's largest burns, in order of time, shape (B,)."""
     size = np.square(episode.thrust[:, deputy]).sum(axis=-1)
     burning = np.flatnonzero(size)
-    return np.sort(burning[np.argsort(-size[burning], kind="stable")[:most]])
+    return np.sort(burning[np.argsort(-size[burning], kind="stable")[:_MOST_BURNS]])
 
 
 def stroke(size: Any, few: bool) -> Any:

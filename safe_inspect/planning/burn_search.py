@@ -134,7 +134,7 @@ def _initial_plan(
 
 
 @njit
-def anneal(
+def _anneal(
     problem: BurnProblem,
     state: FloatArray,
     start: IntArray,
@@ -208,7 +208,7 @@ def revise_plan(
 ) -> tuple[int, int]:
     """Review a plan: leave it unchanged, improve its remainder before its next burn, or make a new plan.
 
-    The arguments are those of `anneal`.
+    The arguments are those of `_anneal`.
 
     Returns:
         `PlanOutcome.left` and `PlanOutcome.end` of the plan.
@@ -221,7 +221,7 @@ def revise_plan(
         if start[k] == 0 and burn_steps(delta_v[k], problem.reach) > 0:
             restarts = max(restarts, 1)
     if restarts > 0:
-        outcome = anneal(
+        outcome = _anneal(
             problem, state, start, delta_v, seed, AnnealingEffort(restarts, effort.iterations, effort.stride)
         )
     return outcome.left, outcome.end

@@ -19,7 +19,7 @@ from safe_inspect.planning.linear_program import LinearProgram, linear_program, 
 from safe_inspect.types import FloatArray, IntArray
 
 #: Margin by which a position must satisfy its limit [m], as the simulator's sums are rounded differently.
-MARGIN = 1e-6
+_MARGIN = 1e-6
 #: Largest number of tight rows, and therefore of basic columns.
 MAX_BURNS = 48
 #: Largest number of rows for limits of range, and of rounds in which they are added to one program.
@@ -163,7 +163,7 @@ def _limit_rows(problem: CoverageProblem, workspace: DescentWorkspace, rows: int
             side = 1.0 if r < near else -1.0
             for i in range(3):
                 direction[i] = side * position[at, i] / max(r, 1e-9)
-            set_row(problem, program, rows, direction, at, near + MARGIN if side > 0.0 else MARGIN - far)
+            set_row(problem, program, rows, direction, at, near + _MARGIN if side > 0.0 else _MARGIN - far)
             rows += 1
             worst, at = 0.0, -1
     return rows
@@ -188,7 +188,7 @@ def least_fuel(
     for p in range(points):
         if sighting[p] < 0:
             return math.inf, 0
-        set_row(problem, program, p, problem.normals[p], sighting[p], problem.radius + MARGIN)
+        set_row(problem, program, p, problem.normals[p], sighting[p], problem.radius + _MARGIN)
         end = max(end, sighting[p])
     rows, size = points, 0
     for _ in range(_ROUNDS):

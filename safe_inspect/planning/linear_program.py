@@ -28,6 +28,8 @@ _TOLERANCE = 1e-12
 _PIVOT = 1e-9
 #: Range of the differences between costs, so that no two burns are equally good and the method does not cycle.
 _APART = 1e-6
+#: Largest number of pivots.
+_PIVOTS = 300
 
 
 class LinearProgram(NamedTuple):
@@ -63,7 +65,7 @@ class LinearProgram(NamedTuple):
     price: FloatArray
 
 
-class Solution(NamedTuple):
+class _Solution(NamedTuple):
     """Result of the solution of a program.
 
     Attributes:
@@ -198,9 +200,7 @@ def _worst(problem: CoverageProblem, program: LinearProgram, rows: int, size: in
 
 
 @njit
-def solve(
-    problem: CoverageProblem, program: LinearProgram, rows: int, size: int, cutoff: float, pivots: int = 300
-) -> Solution:
+def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int, cutoff: float) -> _Solution:
     """Solve a program by the dual simplex method; the basis of `program` is the solution afterwards.
 
     Args:
@@ -209,7 +209,6 @@ def solve(
         rows: Number of rows; rows with the bound -inf are ignored.
         size: Size of the initial basis: 0, or that of an earlier solution before rows were added.
         cutoff: Cost above which the solution is abandoned [m/s].
-        pivots: Largest number of pivots.
 
     Source:
         Lemke, "The dual method of solving the linear programming problem", 1954.
@@ -217,21 +216,21 @@ def solve(
     most, columns = program.tight.shape[0], program.cost.shape[0]
     basis, inverse = np.empty((most, most)), np.empty((most, most))
     shadow, turn, weight = np.empty(columns), np.empty(columns), np.empty(most)
-    for _ in range(pivots):
+    for _ in range(_PIVOTS):
         if not _refresh(problem, program, size, basis, inverse):
-            return Solution(False, math.inf, size)
+            return _Solution(False, math.inf, size)
         spent = 0.0
         for c in range(size):
             spent += program.value[c]
         if spent > cutoff:
-            return Solution(False, math.inf, size)
+            return _Solution(False, math.inf, size)
         row, column = _worst(problem, program, rows, size)
         if row < 0 and column < 0:
-            return Solution(True, spent, size)
+            return _Solution(True, spent, size)
         # With a step t, the prices of the tight rows change by -t weight and that of the violated row by t.
         if row >= 0:
             if size == most:
-                return Solution(False, math.inf, size)
+                return _Solution(False, math.inf, size)
             a = _coefficients(problem, program, row)
             for i in range(size):
                 total = 0.0
@@ -270,7 +269,7 @@ def solve(
             if ratio < best:
                 best, enter, leave = max(ratio, 0.0), j, -1
         if leave < 0 and enter < 0:
-            return Solution(False, math.inf, size)
+            return _Solution(False, math.inf, size)
         if row >= 0 and enter >= 0:
             program.tight[size], program.basic[size] = row, enter
             program.sign[size] = 1.0 if turn[enter] > 0.0 else -1.0
@@ -284,4 +283,4 @@ def solve(
             size -= 1
             program.tight[leave] = program.tight[size]
             program.basic[column], program.sign[column] = program.basic[size], program.sign[size]
-    return Solution(False, math.inf, size)
+    return _Solution(False, math.inf, size)

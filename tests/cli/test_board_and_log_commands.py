@@ -13,7 +13,7 @@ import pytest
 
 from safe_inspect.cli.commands import leaderboard, mission_figures, recording
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.baselines.run import OPTIMISER
+from safe_inspect.evaluation.rollouts.baselines import OPTIMISER
 
 Typed = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("here")

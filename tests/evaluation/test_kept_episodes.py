@@ -18,7 +18,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation import baseline, rollout
 from safe_inspect.evaluation.rollouts import rollout as rollouts
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, batch_file
+from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, _batch_file
 from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.experiments.modules import sources
 
@@ -200,7 +200,7 @@ def test_a_damaged_batch_is_flown_again(capsys, flown):
     found, stops = flown
     stops.append(4)
     assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 130
-    Path("out.part", batch_file("random", 0)).write_bytes(b"PK damaged")
+    Path("out.part", _batch_file("random", 0)).write_bytes(b"PK damaged")
     found.clear()
     assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 0
     assert found == [0, 4]
@@ -259,7 +259,7 @@ sys.exit(main(sys.argv[1:]))
     time.sleep(0.1)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
-    assert {path.name for path in Path("out.part").glob("*.npz")} == {batch_file("random", first) for first in (0, 2)}
+    assert {path.name for path in Path("out.part").glob("*.npz")} == {_batch_file("random", first) for first in (0, 2)}
     assert main(words) == 0
     assert main([*words[:-1], "whole"]) == 0
     assert results("out") == results("whole")

@@ -12,10 +12,10 @@ from safe_inspect.cli.commands import leaderboard as command
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.leaderboard.board import FlownRow, read_leaderboard
-from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_page
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.results.leaderboard import FlownRow, read_leaderboard
 from safe_inspect.evaluation.results.results import Block, Evaluation
+from safe_inspect.evaluation.results.standings import Standing, leaderboard_page
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 
 TASK = configs_root() / "translational-inspection" / "experiment-seed.yml"
 BOARDS = f"""

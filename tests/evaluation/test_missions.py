@@ -16,7 +16,7 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.evaluation.episodes import Episodes, join
-from safe_inspect.evaluation.results.folder import read_evaluation
+from safe_inspect.evaluation.results.files import read_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table
 from safe_inspect.evaluation.rollouts import missions

@@ -169,7 +169,7 @@ def test_layers_of_a_kind_that_no_file_holds():
 def test_the_documented_step_carries_the_state(exported):
     import onnxruntime
 
-    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
+    from safe_inspect.evaluation.onnx_policy import load_onnx
 
     text = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
     names: dict = {}

@@ -17,17 +17,17 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines.run import OPTIMISER, complete
-from safe_inspect.evaluation.baselines.task import coverage_task
-from safe_inspect.evaluation.leaderboard.board import Board, FlownRow, Leaderboard, read_leaderboard, slug
-from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_page
-from safe_inspect.evaluation.policy_files.shipped import shipped_policy
-from safe_inspect.evaluation.results.folder import (
+from safe_inspect.evaluation.results.files import (
     is_evaluation,
     read_evaluation,
     read_evaluation_record,
 )
+from safe_inspect.evaluation.results.leaderboard import Board, FlownRow, Leaderboard, read_leaderboard, slug
 from safe_inspect.evaluation.results.results import EvaluationError
+from safe_inspect.evaluation.results.standings import Standing, leaderboard_page
+from safe_inspect.evaluation.rollouts.baselines import OPTIMISER, complete
+from safe_inspect.evaluation.rollouts.optimiser import coverage_task
+from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.outputs import check_writable, new_file

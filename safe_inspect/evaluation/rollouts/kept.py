@@ -14,9 +14,8 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import OutputError
-from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory
 from safe_inspect.evaluation.task import differing_keys
-from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
 from safe_inspect.types import AnyArray
 
@@ -43,7 +42,7 @@ class KeptEpisodes:
         if self._folder is None:
             return None
         try:
-            with np.load(self._folder / batch_file(self._name, first), allow_pickle=False) as arrays:
+            with np.load(self._folder / _batch_file(self._name, first), allow_pickle=False) as arrays:
                 found = _unpacked(json.loads(str(arrays["tree"])), arrays)
         except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError):
             return None
@@ -64,7 +63,7 @@ class KeptEpisodes:
         tree = json.dumps(_packed(batch, arrays))
         try:
             np.savez(self._folder / _NEW, tree=np.array(tree), **arrays)  # type: ignore[arg-type]
-            (self._folder / _NEW).replace(self._folder / batch_file(self._name, first))
+            (self._folder / _NEW).replace(self._folder / _batch_file(self._name, first))
         except OSError as error:
             with suppress(OSError):
                 (self._folder / _NEW).unlink()
@@ -101,7 +100,7 @@ def kept_episodes(
     total = sum(int(flight["episodes"]) for flight in flights.values())
     files = {_NEW}
     for name, flight in flights.items():
-        files |= {batch_file(name, first) for first in range(0, int(flight["episodes"]), num_envs)}
+        files |= {_batch_file(name, first) for first in range(0, int(flight["episodes"]), num_envs)}
     with ExitStack() as stack:
         try:
             if folder.exists():
@@ -135,7 +134,7 @@ def kept_episodes(
         remove_written(folder)
 
 
-def batch_file(name: str, first: int) -> str:
+def _batch_file(name: str, first: int) -> str:
     """Return the file name of a batch."""
     return f"{name}-{first:08d}.npz"
 

@@ -1,4 +1,4 @@
-"""`rollout`: runs policies for an exact number of episodes, in batches."""
+"""`rollout`: runs policies for an exact number of episodes, in batches; `record_episode`: runs and records one."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import Episodes, join
+from safe_inspect.evaluation.episodes import Episodes, Trajectory, join
 from safe_inspect.evaluation.policies import Policy
-from safe_inspect.evaluation.rollouts.collector import EpisodeCollector
+from safe_inspect.evaluation.rollouts.collector import EpisodeCollector, Recorder
 from safe_inspect.evaluation.rollouts.dispatch import Policies, PolicyDispatcher, assign
 from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
-from safe_inspect.evaluation.rollouts.recorder import Recorder
-from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import BoolArray, IntArray
 
@@ -194,3 +192,20 @@ def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -
     for metric in metrics:
         if metric.label in known and not type(metric).__module__.startswith("safe_inspect."):
             raise SafeInspectError(f"the task already has a figure {metric.label!r}; give the metric another label")
+
+
+def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
+    """Return the episode that `rollout` with this seed runs in the environment slot `episode`.
+
+    Args:
+        spec: The task.
+        policies: The policies; see `safe_inspect.evaluation.rollouts.rollout`.
+        episode: Number of the episode, from 0.
+        seed: Seed of the run.
+
+    Raises:
+        SafeInspectError: An agent has no policy, a policy has no agent, or one policy controls agents that differ.
+    """
+    spec, flying = assign(spec, policies)
+    environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)
+    return fly_batch(environment, flying, first_slot=episode, recorded=1)[1][0]

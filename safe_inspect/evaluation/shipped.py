@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
+from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
 from safe_inspect.evaluation.policies import BASELINES
-from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy, load_onnx
 
 #: The names of the files in the folder of a shipped policy.
 RECORD, CARD, CONFIGURATION, CHECKPOINT = "policy.json", "card.md", "experiment.resolved.yml", "checkpoint"
 
-_ROOT = Path(__file__).resolve().parents[2] / "policies" / "trained"
+_ROOT = Path(__file__).resolve().parents[1] / "policies" / "trained"
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ class CommandedElement:
         return f"{self.name} [{self.unit or '-'}]"
 
 
-def named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
+def _named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
     """Return the elements of an agent's observation, in order, with only their names and units."""
     found = []
     for glue in agent.observation_glues:
@@ -119,7 +119,7 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
             if exportable or _is_known(normalizer, low, high):
                 gain, offset = _affine(agent, glue, normalizer, low, high)
                 centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
-        names = named_elements(replace(agent, glues=(glue,)))
+        names = _named_elements(replace(agent, glues=(glue,)))
         rows = zip(names, centre.tolist(), width.tolist(), strict=True)
         found += [replace(element, centre=at, width=by, plugins=plugins) for element, at, by in rows]
     return tuple(found)

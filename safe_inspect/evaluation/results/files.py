@@ -1,24 +1,31 @@
-"""Recorded episodes as a table with a row for each episode, step and deputy, and the conversion back."""
+"""The folder of an evaluation: `evaluation.json`, `episodes.parquet` and `trajectories.parquet`."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.results.hashes import sha256
-from safe_inspect.evaluation.results.results import EvaluationError
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.evaluation.results.results import Evaluation, EvaluationError
+from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
-RECORD, TRAJECTORIES = "evaluation.json", "trajectories.parquet"
+_RECORD, _EPISODES, _TRAJECTORIES = "evaluation.json", "episodes.parquet", "trajectories.parquet"
+_FORMAT = 1
 _KEY = b"safe_inspect"
 _AXES = ("x", "y", "z")
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 hash of a file in hexadecimal digits."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
@@ -65,11 +72,11 @@ def read_trajectories(path: str | os.PathLike[str]) -> tuple[Trajectory, ...]:
     from pyarrow import ArrowException, parquet
 
     file = Path(path).expanduser()
-    file = file / TRAJECTORIES if file.is_dir() else file
+    file = file / _TRAJECTORIES if file.is_dir() else file
     if not file.is_file():
         raise EvaluationError(f"{file}: there are no recorded episodes; evaluate with --record and --output")
     try:
-        record = file.with_name(RECORD)
+        record = file.with_name(_RECORD)
         known = json.loads(record.read_text(encoding="utf-8"))["files"] if record.is_file() else {}
         if known.get(file.name, sha256(file)) != sha256(file):
             raise EvaluationError(f"{file}: the file was damaged or changed after it was written; evaluate again")
@@ -147,3 +154,94 @@ def _trajectory(columns: dict[str, AnyArray], record: dict[str, Any]) -> Traject
         camera=(tuple(camera[0]), camera[1]) if (camera := record.get("camera")) else None,
         docking_radius=float(record.get("docking_radius", 0.0)),  # older files have no radius
     )
+
+
+def is_evaluation(path: str | os.PathLike[str]) -> bool:
+    """Return whether a folder contains an evaluation."""
+    return (Path(path) / _RECORD).is_file()
+
+
+def write_evaluation(evaluation: Evaluation, folder: Path) -> None:
+    """Write an evaluation to a folder.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    import pyarrow  # type: ignore[import-untyped]
+    from pyarrow import parquet
+
+    content = {
+        "format": _FORMAT,
+        **evaluation.record,
+        "label": evaluation.label,
+        "units": dict(evaluation.units),
+        **evaluation.as_dict(),
+    }
+    folder.mkdir(exist_ok=True)
+    table = pyarrow.table({name: pyarrow.array(values) for name, values in evaluation.columns().items()})
+    parquet.write_table(table, folder / _EPISODES, compression="zstd")
+    if evaluation.trajectories:
+        parquet.write_table(trajectory_table(evaluation.trajectories), folder / _TRAJECTORIES, compression="zstd")
+    content["files"] = {name: sha256(folder / name) for name in (_EPISODES, _TRAJECTORIES) if (folder / name).exists()}
+    write_json(folder / _RECORD, content)
+
+
+def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
+    """Return the evaluation of a folder, without its trajectories.
+
+    Raises:
+        EvaluationError: The evaluation is missing or damaged.
+    """
+    folder = Path(path).expanduser()
+    record = read_evaluation_record(folder)
+    table = _read_table(folder, record)
+    label = str(record.get("label") or folder.name)
+    try:
+        return Evaluation.of_columns(label, table, record["units"], record)
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        raise EvaluationError(f"{folder / _EPISODES}: the table of episodes is damaged ({error})") from None
+
+
+def read_evaluation_record(folder: Path) -> Mapping[str, Any]:
+    """Return the content of `evaluation.json`.
+
+    Raises:
+        EvaluationError: The file is missing or damaged.
+    """
+    path = folder / _RECORD
+    try:
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if record["format"] != _FORMAT:
+            raise EvaluationError(f"{path}: the file was written by another version of safe_inspect; evaluate again")
+        for key in ("seed", "episodes", "task", "units", "files"):
+            record[key]
+    except (FileNotFoundError, NotADirectoryError):
+        raise EvaluationError(
+            f"{folder}: not an evaluation; give a folder that `safe-inspect evaluate --output` has written"
+        ) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise EvaluationError(f"{path}: the record of the evaluation is damaged ({error}); evaluate again") from None
+    return record
+
+
+def _read_table(folder: Path, record: Mapping[str, Any]) -> dict[str, AnyArray]:
+    from pyarrow import ArrowException, parquet
+
+    path = folder / _EPISODES
+    try:
+        if sha256(path) != record["files"].get(_EPISODES):
+            raise EvaluationError(f"{path}: the file was damaged or changed after it was written; evaluate again")
+        table = parquet.read_table(path)
+    except (OSError, ArrowException, AttributeError) as error:
+        raise EvaluationError(f"{path}: the file cannot be read ({error}); evaluate again") from None
+    return {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    with new_file(path) as work:
+        work.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")

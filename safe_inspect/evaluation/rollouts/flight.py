@@ -9,9 +9,9 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts.rollout import fly_batch
-from safe_inspect.evaluation.trajectory import Trajectory
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -50,7 +50,7 @@ class FlownSlots:
             delta_v=float(self.delta_v[row]),
             steps=int(self.steps[row]),
             inspected=int(self.inspected[row]),
-            burns=count_burns(self.trajectories[row]),
+            burns=_count_burns(self.trajectories[row]),
             **more,
         )
 
@@ -79,7 +79,7 @@ def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed
     )
 
 
-def count_burns(trajectory: Trajectory) -> float:
+def _count_burns(trajectory: Trajectory) -> float:
     """Return the number of burns, mean over the deputies; a burn is a run of steps with constant, nonzero thrust."""
     control = trajectory.control[..., :3]
     before = np.concatenate((np.zeros_like(control[:1]), control[:-1]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safe_inspect.evaluation.leaderboard.board import FlownRow, Leaderboard, PublishedRow
+from safe_inspect.evaluation.results.leaderboard import FlownRow, Leaderboard, PublishedRow
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.metrics.statistics import Interval, wilson
 from safe_inspect.planning.record import Record

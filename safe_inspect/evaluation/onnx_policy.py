@@ -15,15 +15,15 @@ from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
-from safe_inspect.evaluation.policy_files.policy_file import (
+from safe_inspect.evaluation.policy_file import (
     NEXT_STATE,
     POLICY_FORMAT,
     RECURRENT_FORMAT,
     PolicyInfo,
+    check_layout,
     read_file,
 )
-from safe_inspect.evaluation.policy_files.raw_values import CONTROL_STEPS, element_columns, raw_task
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.evaluation.raw_values import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -161,7 +161,7 @@ class OnnxPolicy:
         found = np.array(thrust, dtype=np.float64)
         for column, levels in enumerate(self._levels):
             if len(levels):  # the exact levels of the task, which float32 may not represent
-                index = _nearest(levels, thrust[:, column])
+                index = np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust[:, column])
                 found[:, column] = index if self._is_coast(column) else levels[index]
         return found
 
@@ -297,8 +297,3 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
     except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(f"{name}: the file's metadata are damaged ({error}); export it again") from None
     return OnnxPolicy(name, info, session, sampled, seed)
-
-
-def _nearest(levels: FloatArray, thrust: AnyArray) -> IntArray:
-    """Return the index of the nearest level for each value, shape (R,); the levels must be in increasing order."""
-    return np.asarray(np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust))
