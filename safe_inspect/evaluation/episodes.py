@@ -152,7 +152,13 @@ class _Informed:
     `info` contains the quantities that components report.
     """
 
+    status: AnyArray
     info: Mapping[str, AnyArray]
+
+    @property
+    def success(self) -> AnyArray:
+        """Episodes that were won, shape (E,)."""
+        return np.asarray(self.status == DoneStatus.WIN)
 
     def __getattr__(self, name: str) -> AnyArray:
         info: Mapping[str, AnyArray] = self.__dict__.get("info", {})
@@ -188,11 +194,6 @@ class AgentEpisodes(_Informed):
     delta_v: FloatArray
     info: Mapping[str, AnyArray] = field(default_factory=dict)
     metrics: Mapping[str, FloatArray] = field(default_factory=dict)
-
-    @property
-    def success(self) -> AnyArray:
-        """Episodes that the agent won, shape (E,)."""
-        return np.asarray(self.status == DoneStatus.WIN)
 
     def figures(self, labels: _Labels) -> dict[str, FloatArray]:
         """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
@@ -263,11 +264,6 @@ class Episodes(_Informed):
 
     def __len__(self) -> int:
         return len(self.returns)
-
-    @property
-    def success(self) -> AnyArray:
-        """Episodes that were won, shape (E,)."""
-        return np.asarray(self.status == DoneStatus.WIN)
 
     def figures(self) -> dict[str, FloatArray]:
         """Return the standard figures by label, without terms and metrics, each of shape (E,)."""

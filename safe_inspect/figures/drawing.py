@@ -60,11 +60,6 @@ def deputy_line(index: int) -> dict[str, Any]:
     }
 
 
-def deputy_marker(index: int) -> str:
-    """Return the marker of the points that a deputy has inspected."""
-    return ("o", "^", "s")[index // len(DEPUTY_COLOURS) % 3]
-
-
 def require_matplotlib() -> None:
     """Raise an error if Matplotlib is not installed.
 
@@ -137,21 +132,18 @@ def time_norm(episode: Trajectory) -> Any:
     return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
 
 
-def _safe_speed(episode: Trajectory) -> FloatArray:
-    """Return the largest safe speed at each deputy's range [m/s], shape (T + 1, D).
+def speed_limit_of(episode: Trajectory) -> FloatArray | None:
+    """Return the largest safe speed at each deputy's range [m/s], shape (T + 1, D); None without a chief in orbit.
 
     It is the task's ``speed_limit`` if a component records it, else the published limit for inspection, v0 + 2 n (r -
     d0): 0.2 m/s at 10 m, increasing by twice the mean motion per metre.
     """
+    if not episode.mean_motion:
+        return None
     if "speed_limit" in episode.arrays:
         return episode.arrays["speed_limit"]
     limit = ConstraintParameters(n=episode.mean_motion)
     return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
-
-
-def speed_limit_of(episode: Trajectory) -> FloatArray | None:
-    """Return the speed limits that figures show [m/s], shape (T + 1, D); None without a chief in orbit."""
-    return _safe_speed(episode) if episode.mean_motion else None
 
 
 def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:

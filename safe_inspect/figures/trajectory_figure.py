@@ -12,7 +12,6 @@ from safe_inspect.figures.drawing import (
     above_limit,
     clock,
     deputy_line,
-    deputy_marker,
     ending,
     radius_of,
     reach_of,
@@ -21,7 +20,7 @@ from safe_inspect.figures.drawing import (
     time_norm,
 )
 from safe_inspect.figures.scene import draw_scene
-from safe_inspect.geometry.picture import BLACK, BLUE, FRONT, GREEN, GREY, VERMILION, Camera, circle
+from safe_inspect.geometry.picture import BLACK, BLUE, DEPUTY_COLOURS, FRONT, GREEN, GREY, VERMILION, Camera, circle
 from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -94,6 +93,11 @@ def _draw_summary(figure: Figure, episode: Trajectory) -> None:
     figure.text(_RIGHT, 0.985, text, fontsize=9.5, color=BLACK, ha="right", va="top")
 
 
+def _deputy_marker(index: int) -> str:
+    """Return the marker of the points that a deputy has inspected."""
+    return ("o", "^", "s")[index // len(DEPUTY_COLOURS) % 3]
+
+
 def _by_time(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
     when = episode.inspected_at[shown] / clock(episode)[0]
     axes.scatter(
@@ -106,7 +110,7 @@ def _by_inspector(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolA
     for index in range(len(episode.deputies)):
         own = shown & (episode.inspector == index)
         size = 34.0 - 22.0 * episode.inspected_at[own] / episode.time[-1]
-        colour, marker = deputy_line(index)["color"], deputy_marker(index)
+        colour, marker = deputy_line(index)["color"], _deputy_marker(index)
         axes.scatter(*flat[own].T, color=colour, marker=marker, s=size, edgecolors="white", linewidths=0.4)
 
 
@@ -125,7 +129,7 @@ def _inspectors_key(figure: Figure, episode: Trajectory) -> None:
 
     counts = [int((episode.inspector == index).sum()) for index in range(len(episode.deputies))]
     handles = [
-        Line2D([], [], linestyle="", marker=deputy_marker(index), markersize=5, color=deputy_line(index)["color"])
+        Line2D([], [], linestyle="", marker=_deputy_marker(index), markersize=5, color=deputy_line(index)["color"])
         for index in range(len(counts))
     ]
     labels = [f"{name}: {count}" for name, count in zip(episode.deputies, counts, strict=True)]

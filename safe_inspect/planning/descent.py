@@ -192,15 +192,14 @@ def least_fuel(
         end = max(end, sighting[p])
     rows, size = points, 0
     for _ in range(_ROUNDS):
-        found = solve(problem, program, rows, size, cutoff)
-        if not found.solved:
+        cost, size = solve(problem, program, rows, size, cutoff)
+        if not cost < math.inf:
             return math.inf, 0
-        size = found.size
         count = burns_of(program, size, workspace.start, workspace.delta_v)
         write_positions(problem, workspace.start, workspace.delta_v, count, workspace.stride, workspace.position)
         more = _limit_rows(problem, workspace, rows, end)
         if more == rows:
-            return found.cost, size
+            return cost, size
         if more < 0:
             break
         rows = more

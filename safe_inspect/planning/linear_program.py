@@ -19,7 +19,6 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.planning.coverage_problem import CoverageProblem
-from safe_inspect.planning.matrix_inverse import invert
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Largest violation that is tolerated, as a velocity change [m/s].
@@ -28,6 +27,8 @@ _TOLERANCE = 1e-12
 _PIVOT = 1e-9
 #: Range of the differences between costs, so that no two burns are equally good and the method does not cycle.
 _APART = 1e-6
+#: Smallest allowed pivot of an inverse.
+_SINGULAR = 1e-9
 #: Largest number of pivots.
 _PIVOTS = 300
 
@@ -65,20 +66,6 @@ class LinearProgram(NamedTuple):
     price: FloatArray
 
 
-class _Solution(NamedTuple):
-    """Result of the solution of a program.
-
-    Attributes:
-        solved: Whether the optimum was found; else the cutoff was exceeded, or no solution was found.
-        cost: Velocity change [m/s], infinite if it is not solved.
-        size: Number of tight rows, which is also that of basic columns.
-    """
-
-    solved: bool
-    cost: float
-    size: int
-
-
 @njit
 def linear_program(begin: IntArray, rows: int, most: int) -> LinearProgram:
     """Return an empty program.
@@ -89,12 +76,9 @@ def linear_program(begin: IntArray, rows: int, most: int) -> LinearProgram:
         most: Largest number of tight rows.
     """
     columns = 3 * begin.shape[0]
-    cost = np.empty(columns)
-    for j in range(columns):
-        cost[j] = 1.0 + _APART * ((j * 0.6180339887498949) % 1.0)
     return LinearProgram(
         begin,
-        cost,
+        1.0 + _APART * ((np.arange(columns) * 0.6180339887498949) % 1.0),
         np.zeros((rows, 3)),
         np.zeros(rows, np.int64),
         np.zeros(rows),
@@ -113,12 +97,10 @@ def set_row(
     problem: CoverageProblem, program: LinearProgram, row: int, direction: FloatArray, time: int, least: float
 ) -> None:
     """Set a row: the position after `time` steps, along a unit vector, must be at least `least` [m]."""
-    before = 0.0
-    for i in range(3):
-        program.direction[row, i] = direction[i]
-        before += direction[i] * problem.coast[time, i]
+    x, y, z = problem.coast[time]
+    program.direction[row] = direction
     program.time[row] = time
-    program.bound[row] = least - before
+    program.bound[row] = least - (direction[0] * x + direction[1] * y + direction[2] * z)
     program.known[row] = False
 
 
@@ -159,6 +141,44 @@ def _gain(problem: CoverageProblem, program: LinearProgram, row: int, size: int)
 
 
 @njit
+def _invert(matrix: FloatArray, inverse: FloatArray, size: int) -> bool:
+    """Write the inverse of a matrix by Gauss-Jordan elimination with partial pivoting; return whether it exists.
+
+    It does not use BLAS, so that its bits are the same on every machine.
+
+    Args:
+        matrix: The matrix, in the first `size` rows and columns; it is overwritten.
+        inverse: Output: the inverse, in the same rows and columns.
+        size: Number of rows.
+    """
+    for i in range(size):
+        for j in range(size):
+            inverse[i, j] = 1.0 if i == j else 0.0
+    for i in range(size):
+        best = i
+        for k in range(i + 1, size):
+            if abs(matrix[k, i]) > abs(matrix[best, i]):
+                best = k
+        if abs(matrix[best, i]) < _SINGULAR:
+            return False
+        if best != i:
+            for j in range(size):
+                matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
+                inverse[i, j], inverse[best, j] = inverse[best, j], inverse[i, j]
+        pivot = 1.0 / matrix[i, i]
+        for j in range(size):
+            matrix[i, j] *= pivot
+            inverse[i, j] *= pivot
+        for k in range(size):
+            factor = matrix[k, i]
+            if k != i and factor != 0.0:
+                for j in range(size):
+                    matrix[k, j] -= factor * matrix[i, j]
+                    inverse[k, j] -= factor * inverse[i, j]
+    return True
+
+
+@njit
 def _refresh(
     problem: CoverageProblem, program: LinearProgram, size: int, basis: FloatArray, inverse: FloatArray
 ) -> bool:
@@ -167,7 +187,7 @@ def _refresh(
         a = _coefficients(problem, program, program.tight[i])
         for c in range(size):
             basis[i, c] = a[program.basic[c]] * program.sign[c]
-    if not invert(basis, inverse, size):
+    if not _invert(basis, inverse, size):
         return False
     for c in range(size):
         value, price = 0.0, 0.0
@@ -186,29 +206,27 @@ def _worst(problem: CoverageProblem, program: LinearProgram, rows: int, size: in
         if -program.value[c] > worst:
             worst, column = -program.value[c], c
     for r in range(rows):
-        if program.bound[r] == -math.inf:
-            continue
         authority = max(problem.control_authority[program.time[r], 0], problem.control_authority[program.time[r], 1])
         violation = (program.bound[r] - _gain(problem, program, r, size)) / max(authority, 1e-3)
-        if violation > worst:
-            used = False
-            for i in range(size):
-                used |= program.tight[i] == r
-            if not used:
-                worst, row, column = violation, r, -1
+        if violation > worst and not (program.tight[:size] == r).any():
+            worst, row, column = violation, r, -1
     return row, column
 
 
 @njit
-def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int, cutoff: float) -> _Solution:
+def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int, cutoff: float) -> tuple[float, int]:
     """Solve a program by the dual simplex method; the basis of `program` is the solution afterwards.
 
     Args:
         problem: The episode.
         program: The program; its basis is read and written.
-        rows: Number of rows; rows with the bound -inf are ignored.
+        rows: Number of rows.
         size: Size of the initial basis: 0, or that of an earlier solution before rows were added.
         cutoff: Cost above which the solution is abandoned [m/s].
+
+    Returns:
+        The velocity change [m/s], infinite if the cutoff was exceeded or no solution was found; and the number of tight
+            rows, which is also that of basic columns.
 
     Source:
         Lemke, "The dual method of solving the linear programming problem", 1954.
@@ -218,19 +236,17 @@ def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int
     shadow, turn, weight = np.empty(columns), np.empty(columns), np.empty(most)
     for _ in range(_PIVOTS):
         if not _refresh(problem, program, size, basis, inverse):
-            return _Solution(False, math.inf, size)
-        spent = 0.0
-        for c in range(size):
-            spent += program.value[c]
+            return math.inf, size
+        spent = program.value[:size].sum()
         if spent > cutoff:
-            return _Solution(False, math.inf, size)
+            return math.inf, size
         row, column = _worst(problem, program, rows, size)
         if row < 0 and column < 0:
-            return _Solution(True, spent, size)
+            return spent, size
         # With a step t, the prices of the tight rows change by -t weight and that of the violated row by t.
         if row >= 0:
             if size == most:
-                return _Solution(False, math.inf, size)
+                return math.inf, size
             a = _coefficients(problem, program, row)
             for i in range(size):
                 total = 0.0
@@ -239,8 +255,7 @@ def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int
                 weight[i] = total
             turn[:] = a
         else:
-            for i in range(size):
-                weight[i] = inverse[column, i]
+            weight[:size] = inverse[column, :size]
             turn[:] = 0.0
         shadow[:] = 0.0
         for i in range(size):
@@ -257,9 +272,7 @@ def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int
                 ratio = max(program.price[i], 0.0) / weight[i]
                 if ratio < best:
                     best, leave = ratio, i
-        largest = 0.0
-        for j in range(columns):
-            largest = max(largest, abs(turn[j]))
+        largest = np.abs(turn).max()
         for j in range(columns):
             if abs(turn[j]) <= _PIVOT * largest:
                 continue
@@ -269,7 +282,7 @@ def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int
             if ratio < best:
                 best, enter, leave = max(ratio, 0.0), j, -1
         if leave < 0 and enter < 0:
-            return _Solution(False, math.inf, size)
+            return math.inf, size
         if row >= 0 and enter >= 0:
             program.tight[size], program.basic[size] = row, enter
             program.sign[size] = 1.0 if turn[enter] > 0.0 else -1.0
@@ -283,4 +296,4 @@ def solve(problem: CoverageProblem, program: LinearProgram, rows: int, size: int
             size -= 1
             program.tight[leave] = program.tight[size]
             program.basic[column], program.sign[column] = program.basic[size], program.sign[size]
-    return _Solution(False, math.inf, size)
+    return math.inf, size

@@ -3,8 +3,7 @@
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.docking import DockingAutopilot, DockingController
-from safe_inspect.policies.inspector import NaturalMotionInspector
-from safe_inspect.policies.pointing import SixDofInspector
+from safe_inspect.policies.inspector import NaturalMotionInspector, SixDofInspector
 
 #: Deprecated name of `SCRIPTED_POLICY`; it will be removed in the next release.
 PILOT = SCRIPTED_POLICY

@@ -150,12 +150,12 @@ def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
 
 
 def test_a_baseline_whose_disk_is_full_prints_what_it_has_flown(here, capsys, monkeypatch):
-    from safe_inspect.evaluation.rollouts import baselines, flight
+    from safe_inspect.evaluation.rollouts import baselines, rollout
 
     words = ["baseline", "random", "--episodes", "5", "horizon=25"]
     assert main(words) == 0
     table = capsys.readouterr().out
-    fly = flight.fly_slots
+    fly = rollout.fly_slots
     with ExitStack() as filled:
         monkeypatch.setattr(
             baselines, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1]

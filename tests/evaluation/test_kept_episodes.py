@@ -45,7 +45,7 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def flown(monkeypatch):
     """The first episodes of the batches that are flown; a batch in `stops` is stopped."""
-    found, whole = [], rollouts.fly_batch
+    found, whole = [], rollouts._fly_batch
 
     def fly(environment, flying, metrics, first, *rest):
         found.append(first)
@@ -56,7 +56,7 @@ def flown(monkeypatch):
 
     stops: list[int] = []
     found_and_stops = (found, stops)
-    monkeypatch.setattr(rollouts, "fly_batch", fly)
+    monkeypatch.setattr(rollouts, "_fly_batch", fly)
     return found_and_stops
 
 
@@ -244,12 +244,12 @@ def test_a_killed_evaluation_continues(capsys):
 import sys, time
 from safe_inspect.cli.main import main
 from safe_inspect.evaluation.rollouts import rollout
-fly = rollout.fly_batch
+fly = rollout._fly_batch
 def announced(environment, flying, metrics, first, *rest):
     print(first, flush=True)
     time.sleep(60 * (first == 4))
     return fly(environment, flying, metrics, first, *rest)
-rollout.fly_batch = announced
+rollout._fly_batch = announced
 sys.exit(main(sys.argv[1:]))
 """
     words = ["evaluate", "random", *SHORT, "--output", "out"]

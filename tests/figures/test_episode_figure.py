@@ -11,7 +11,7 @@ from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.rollouts.rollout import record_episode
 from safe_inspect.figures import learning_curve_figure, save, trajectory_figure
-from safe_inspect.figures.drawing import _safe_speed, reach_of
+from safe_inspect.figures.drawing import reach_of, speed_limit_of
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.policies import ZeroThrust
 
@@ -76,7 +76,7 @@ def test_the_speed_is_drawn_against_its_published_limit(flown):
     np.testing.assert_allclose(lines[0].get_ydata(), np.linalg.norm(flown.velocity[:, 0], axis=-1))
     distance = np.linalg.norm(flown.position[:, 0], axis=-1)
     np.testing.assert_allclose(lines[1].get_ydata(), 0.2 + 2.0 * flown.mean_motion * (distance - 10.0))
-    np.testing.assert_allclose(lines[1].get_ydata(), _safe_speed(flown)[:, 0])
+    np.testing.assert_allclose(lines[1].get_ydata(), speed_limit_of(flown)[:, 0])
 
 
 def test_the_thrust_of_each_axis_is_drawn(flown):

@@ -35,7 +35,7 @@ from safe_inspect.planning.descent import (
     descent_workspace,
     least_fuel,
 )
-from safe_inspect.planning.matrix_inverse import invert
+from safe_inspect.planning.linear_program import _invert
 from safe_inspect.tasks.inspection.points_model import PointsModel
 
 from ..golden.records import check_record
@@ -175,11 +175,11 @@ def test_the_inverse_is_that_of_numpy(size: int) -> None:
         room, inverse = np.full((10, 10), np.nan), np.full((10, 10), np.nan)
         room[:size, :size] = matrix
         singular = abs(np.linalg.det(matrix)) < 0.5  # whole numbers
-        assert invert(room, inverse, size) != singular
+        assert _invert(room, inverse, size) != singular
         if not singular:
             np.testing.assert_allclose(inverse[:size, :size], np.linalg.inv(matrix), atol=1e-10)
-    assert not invert(np.array([[0.9e-9]]), np.empty((1, 1)), 1)
-    assert invert(np.array([[1.2e-9]]), np.empty((1, 1)), 1)
+    assert not _invert(np.array([[0.9e-9]]), np.empty((1, 1)), 1)
+    assert _invert(np.array([[1.2e-9]]), np.empty((1, 1)), 1)
 
 
 def test_a_point_counts_as_lit_where_it_is_from_above_and_from_below() -> None:

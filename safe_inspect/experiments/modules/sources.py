@@ -20,9 +20,8 @@ from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes
-from safe_inspect.evaluation.policies import BASELINES, baseline
+from safe_inspect.evaluation.policies import BASELINES, Policies, baseline
 from safe_inspect.evaluation.results.files import sha256
-from safe_inspect.evaluation.rollouts.dispatch import Policies
 from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.evaluation.rollouts.rollout import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
