@@ -150,12 +150,12 @@ def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
 
 
 def test_a_baseline_whose_disk_is_full_prints_what_it_has_flown(here, capsys, monkeypatch):
-    from safe_inspect.evaluation.rollouts import baselines, rollout
+    from safe_inspect.evaluation import baselines, rollouts
 
     words = ["baseline", "random", "--episodes", "5", "horizon=25"]
     assert main(words) == 0
     table = capsys.readouterr().out
-    fly = rollout.fly_slots
+    fly = rollouts.fly_slots
     with ExitStack() as filled:
         monkeypatch.setattr(
             baselines, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1]

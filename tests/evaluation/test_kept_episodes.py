@@ -16,9 +16,8 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.rollouts import rollout as rollouts
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, _batch_file
+from safe_inspect.evaluation import baseline, rollout, rollouts
+from safe_inspect.evaluation.kept import KeptEpisodes, _batch_file
 from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.experiments.modules import sources
 
@@ -243,7 +242,7 @@ def test_a_killed_evaluation_continues(capsys):
     code = """
 import sys, time
 from safe_inspect.cli.main import main
-from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation import rollouts as rollout
 fly = rollout._fly_batch
 def announced(environment, flying, metrics, first, *rest):
     print(first, flush=True)

@@ -11,7 +11,7 @@ from random_checkpoint import discrete, experiment_of, make_module, scaled, sing
 
 import safe_inspect
 from safe_inspect.errors import ArgumentError, CheckpointError
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

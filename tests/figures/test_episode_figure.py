@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation.rollouts.rollout import record_episode
+from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.figures import learning_curve_figure, save, trajectory_figure
 from safe_inspect.figures.drawing import reach_of, speed_limit_of
 from safe_inspect.figures.scene import ring_radii

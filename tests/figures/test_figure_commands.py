@@ -29,7 +29,7 @@ def test_overrides_may_stand_anywhere_and_count(tmp_path, capsys):
 
 def test_the_episode_of_a_number_is_that_of_a_rollout(spec):
     from safe_inspect.evaluation import rollout
-    from safe_inspect.evaluation.rollouts.rollout import record_episode
+    from safe_inspect.evaluation.rollouts import record_episode
     from safe_inspect.policies import RandomThrust
 
     among = rollout(spec, RandomThrust(), episodes=4, seed=3, record=4).trajectories[2]

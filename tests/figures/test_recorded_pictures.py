@@ -24,10 +24,10 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.episodes import join
+from safe_inspect.evaluation.missions import mission_episode
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.rollouts.missions import mission_episode
-from safe_inspect.evaluation.rollouts.rollout import record_episode, rollout
+from safe_inspect.evaluation.rollouts import record_episode, rollout
 from safe_inspect.evaluation.safety_report import acceptance, safety_report
 from safe_inspect.figures import curves_figure, learning_curve_figure, trajectory_figure
 from safe_inspect.figures.film import Film

@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.rollouts.optimiser import _thrust_reach, coverage_problem, coverage_task
+from safe_inspect.evaluation.optimiser import _thrust_reach, coverage_problem, coverage_task
 from safe_inspect.planning.coverage_problem import write_positions
 from safe_inspect.planning.record import Burn
 from safe_inspect.policies.open_loop import OpenLoopPlan

@@ -12,8 +12,8 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError, SafeInspectError
+from safe_inspect.evaluation.optimiser import coverage_task
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.rollouts.optimiser import coverage_task
 from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.tasks import InspectionSimulator

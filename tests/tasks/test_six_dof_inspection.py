@@ -17,7 +17,7 @@ from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.files import read_trajectories, trajectory_table
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.policies import RandomThrust, ScriptedPolicy, SixDofInspector, ZeroThrust
 
 TASK = "safe_inspect/WeightedSixDofInspection-v0"

@@ -19,7 +19,7 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.results.files import read_trajectories
-from safe_inspect.evaluation.rollouts.rollout import record_episode
+from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save

@@ -20,10 +20,10 @@ from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes
+from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.policies import BASELINES, Policies, baseline
 from safe_inspect.evaluation.results.files import sha256
-from safe_inspect.evaluation.rollouts.measuring import check_metrics
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint

@@ -15,7 +15,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, join
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
+from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.plugins.functor import describe
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission

@@ -13,7 +13,7 @@ from safe_inspect.environments.accumulator import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory
-from safe_inspect.evaluation.rollouts.measuring import MetricAccumulator
+from safe_inspect.evaluation.measuring import MetricAccumulator
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.tasks.docking.speed_limit import DockingRegion
 from safe_inspect.types import AnyArray, FloatArray, IntArray

@@ -11,11 +11,11 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.collector import EpisodeCollector, Recorder
 from safe_inspect.evaluation.episodes import Episodes, Trajectory, join
+from safe_inspect.evaluation.kept import KeptEpisodes
+from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
-from safe_inspect.evaluation.rollouts.collector import EpisodeCollector, Recorder
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
-from safe_inspect.evaluation.rollouts.measuring import check_metrics
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies.base import ScriptedPolicy
@@ -202,7 +202,7 @@ def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, 
 
     Args:
         spec: The task.
-        policies: The policies; see `safe_inspect.evaluation.rollouts.rollout`.
+        policies: The policies; see `rollout`.
         episode: Number of the episode, from 0.
         seed: Seed of the run.
 
@@ -253,7 +253,7 @@ class FlownSlots:
 
 
 def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int) -> FlownSlots:
-    """Run the first episode of each of some slots, as `safe_inspect.evaluation.rollouts.rollout` does.
+    """Run the first episode of each of some slots, as `rollout` does.
 
     Args:
         spec: The task.

@@ -15,7 +15,7 @@ from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.rollouts.rollout import FlownSlots, fly_slots, sighting_steps
+from safe_inspect.evaluation.rollouts import FlownSlots, fly_slots, sighting_steps
 from safe_inspect.planning.coverage_problem import (
     CoverageProblem,
     control_authorities,

@@ -13,9 +13,9 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.optimiser import EFFORTS, coverage_task, optimise
 from safe_inspect.evaluation.policies import baseline
-from safe_inspect.evaluation.rollouts.optimiser import EFFORTS, coverage_task, optimise
-from safe_inspect.evaluation.rollouts.rollout import fly_slots
+from safe_inspect.evaluation.rollouts import fly_slots
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.planning.record import Entry, Record, read_record, write_record
 from safe_inspect.types import FloatArray
