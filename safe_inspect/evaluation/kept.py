@@ -103,8 +103,10 @@ def kept_episodes(
         files |= {_batch_file(name, first) for first in range(0, int(flight["episodes"]), num_envs)}
     with ExitStack() as stack:
         try:
-            if folder.exists():
-                _check_origin(folder, command)
+            if folder.exists() and (read_marker(folder)["command"] != command or folder.is_symlink()):
+                raise OutputError(
+                    f"{folder}: the folder is not from an interrupted `{command}`; give another with --output"
+                )
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(exclusive(folder, "flying episodes into"))
             _check_flights(folder, command, flown, force)
@@ -137,11 +139,6 @@ def kept_episodes(
 def _batch_file(name: str, first: int) -> str:
     """Return the file name of a batch."""
     return f"{name}-{first:08d}.npz"
-
-
-def _check_origin(folder: Path, command: str) -> None:
-    if read_marker(folder)["command"] != command or folder.is_symlink():
-        raise OutputError(f"{folder}: the folder is not from an interrupted `{command}`; give another with --output")
 
 
 def _check_flights(folder: Path, command: str, flown: Mapping[str, Any], force: bool) -> None:

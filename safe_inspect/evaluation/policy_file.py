@@ -183,10 +183,8 @@ def check_layout(title: str, trained: PolicyInfo, agent: AgentSpec) -> None:
 def difference_of(trained: Sequence[_TrainedElement], task: Sequence[_TrainedElement]) -> str:
     """Return the first difference between the elements of training and those of a task; empty if there is none."""
     for index, (old, new) in enumerate(zip(trained, task, strict=False)):
-        if (old.name, old.unit.strip("-")) != (
-            new.name,
-            new.unit.strip("-"),
-        ):  # "" and "-" both mean that there is no unit
+        # "" and "-" both mean that there is no unit.
+        if (old.name, old.unit.strip("-")) != (new.name, new.unit.strip("-")):
             return f"element {index} is {old} in training and {new} in the task"
     if len(trained) != len(task):
         return f"there are {len(trained)} elements in training and {len(task)} in the task"
@@ -194,7 +192,8 @@ def difference_of(trained: Sequence[_TrainedElement], task: Sequence[_TrainedEle
         if _axis(old) and _axis(old) != _axis(new):  # files of early versions name no axis
             return f"{old.name} acts along {_axis(old)} in training and along {_axis(new) or 'no axis'} in the task"
         mine, theirs = _numbers(old), _numbers(new)
-        if _chooses(old) != _chooses(new) or len(mine) != len(theirs) or not _close(mine, theirs):
+        alike = len(mine) == len(theirs) and np.allclose(mine, theirs, rtol=_RELATIVE, atol=_ABSOLUTE)
+        if _chooses(old) != _chooses(new) or not alike:
             return f"{old.name} {_meaning(old)} in training and {_meaning(new)} in the task"
         if bool(old.plugins) != bool(new.plugins) or not set(new.plugins) <= set(old.plugins):
             return f"{old.name} comes from {_short(old)} in training and from {_short(new)} in the task"
@@ -207,10 +206,6 @@ def _axis(element: _TrainedElement) -> str:
 
 def _chooses(element: _TrainedElement) -> bool:
     return isinstance(element, CommandedElement) and bool(element.levels)
-
-
-def _close(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
-    return bool(np.allclose(mine, theirs, rtol=_RELATIVE, atol=_ABSOLUTE))
 
 
 def _numbers(element: _TrainedElement) -> tuple[float, ...]:

@@ -88,15 +88,6 @@ class CommandedElement:
         return f"{self.name} [{self.unit or '-'}]"
 
 
-def _named_elements(agent: AgentSpec) -> tuple[ObservedElement, ...]:
-    """Return the elements of an agent's observation, in order, with only their names and units."""
-    found = []
-    for glue in agent.observation_glues:
-        symbol = sensor_of(agent.parts, glue.sensor).symbol if isinstance(glue, ObserveSensor) else ""
-        found += [ObservedElement(name, symbol) for name in glue.names(agent.parts)]
-    return tuple(found)
-
-
 def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
     """Return the elements of an agent's observation, in order, with the effect of their normalisers.
 
@@ -112,16 +103,16 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
     """
     found: list[ObservedElement] = []
     for glue in agent.observation_glues:
-        size = len(glue.names(agent.parts))
-        centre, width, plugins = np.zeros(size), np.ones(size), _configuration(glue)
+        names, symbol = glue.names(agent.parts), ""
+        centre, width, plugins = np.zeros(len(names)), np.ones(len(names)), _configuration(glue)
         if isinstance(glue, ObserveSensor):
-            scale, normalizer, low, high = glue.prepared(sensor_of(agent.parts, glue.sensor))
+            sensor = sensor_of(agent.parts, glue.sensor)
+            symbol, (scale, normalizer, low, high) = sensor.symbol, glue.prepared(sensor)
             if exportable or _is_known(normalizer, low, high):
                 gain, offset = _affine(agent, glue, normalizer, low, high)
                 centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
-        names = _named_elements(replace(agent, glues=(glue,)))
         rows = zip(names, centre.tolist(), width.tolist(), strict=True)
-        found += [replace(element, centre=at, width=by, plugins=plugins) for element, at, by in rows]
+        found += [ObservedElement(name, symbol, at, by, plugins) for name, at, by in rows]
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line, radius_of, reach_of, time_norm
 from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VERMILION, VIEW, pieces, ring, sun_arrow
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,12 +95,6 @@ def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) ->
         )  # fmt: skip
 
 
-def _point_colours(episode: Trajectory) -> list[tuple[BoolArray, str]]:
-    """Return masks of points with their colours: the points of each deputy, and those that nobody has inspected."""
-    owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
-    return [*owners, (~np.isfinite(episode.inspected_at), GREY)]
-
-
 def _draw_chief(axes: Any, episode: Trajectory) -> None:
     """Draw the sphere and the points on its near side, in the colours of the large chief below."""
     radius = radius_of(episode)
@@ -115,7 +109,8 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
         axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
         axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
         return
-    for which, colour in _point_colours(episode):
+    owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
+    for which, colour in (*owners, (~seen, GREY)):
         axes.scatter(*episode.points[which & front].T, color=colour, **dots)
 
 

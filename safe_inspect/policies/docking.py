@@ -77,7 +77,7 @@ class DockingController(ScriptedPolicy):
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the thrust [N], shape (R, 3)."""
         mating, position, velocity = view.mating_point_position, view.position, view.velocity
-        turn = _angular_velocity(view)
+        turn = rotate(view.target_orientation, view.target_angular_velocity)
         reach, distance = size_of_rows(mating), np.maximum(size_of_rows(position), 1e-9)
         n, p = mating / np.maximum(reach, 1e-9)[:, None], position / distance[:, None]
         angle = np.arccos(np.clip(dot_rows(n, p), -1.0, 1.0))
@@ -95,8 +95,3 @@ class DockingController(ScriptedPolicy):
         wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))
-
-
-def _angular_velocity(view: View) -> FloatArray:
-    """Return the angular velocity of the target in W [rad/s], shape (R, 3)."""
-    return rotate(view.target_orientation, view.target_angular_velocity)

@@ -18,6 +18,8 @@ from safe_inspect.metrics.statistics import Difference, Estimate, Interval, esti
 
 Row = Sequence[str]
 
+_HEAD = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
+
 #: Columns that are left out, in this order, when a table is too wide; files contain all columns.
 _OPTIONAL = ("max", "min", "std", "higher in", "lower in", "95 % interval of the IQM", "95 % interval")
 
@@ -28,13 +30,12 @@ _MOST_NUMBERS = 10
 def evaluation_table(evaluation: Evaluation) -> str:
     """Return the table of an evaluation, with a block for each agent if there are several."""
     blocks = evaluation.blocks
-    head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
-    rows = {
-        name: [head, *(_row(figure, item, len(evaluation)) for figure, item in evaluation.estimates[name].items())]
+    rows = [
+        [_HEAD, *(_row(figure, item, len(evaluation)) for figure, item in evaluation.estimates[name].items())]
         for name in blocks
-    }
+    ]
     lines = [f"{evaluation.label}: {len(evaluation)} episodes, {ends(evaluation.team)}"]
-    tables = iter(aligned(list(rows.values())))
+    tables = iter(aligned(rows))
     lines += next(tables)
     for (name, block), table in zip(list(blocks.items())[1:], tables, strict=True):
         lines += [f"{name}: {ends(block)}", *table[1:]]
@@ -123,8 +124,7 @@ def pooled_table(evaluations: Sequence[Evaluation]) -> str:
 
     The intervals come from a bootstrap that resamples the episodes of each source separately.
     """
-    head = ("", "mean", "std", "IQM", "95 % interval of the IQM", "min", "max", "unit")
-    rows: list[Row] = [head]
+    rows: list[Row] = [_HEAD]
     wins = estimate([np.asarray(item.team.status == "win", dtype=np.float64) for item in evaluations])
     episodes = sum(map(len, evaluations))
     for name in evaluations[0].team.figures:
@@ -214,7 +214,10 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
     priced = {item.record.get("price") for item in evaluations}
     if len(priced) > 1:
         notes.append("the rewards differ, so returns and reward terms are left out")
-    figures = {item.label: {_SUCCESS: _success(item), **item.team.figures} for item in evaluations}
+    figures = {
+        item.label: {_SUCCESS: (item.team.status == "win").astype(np.float64), **item.team.figures}
+        for item in evaluations
+    }
     names = list(dict.fromkeys(name for each in figures.values() for name in each))
     if len(priced) > 1:
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
@@ -239,10 +242,6 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
         },
         notes,
     )
-
-
-def _success(evaluation: Evaluation) -> Any:
-    return (evaluation.team.status == "win").astype(np.float64)
 
 
 def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
