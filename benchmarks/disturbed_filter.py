@@ -15,7 +15,7 @@ import time
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.evaluation.acceptance import acceptance
+from safe_inspect.evaluation.safety_report import acceptance
 from safe_inspect.rta.audit.audit import audit
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, TubeFilter

@@ -1,4 +1,4 @@
-"""`Episodes`: the figures of each episode of a rollout, for the team and for every agent."""
+"""`Trajectory`: one recorded episode; `Episodes`: the figures of each episode of a rollout, for team and agents."""
 
 from __future__ import annotations
 
@@ -9,8 +9,124 @@ from typing import Any, TypeVar
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.dynamics.quaternion import rotate
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import AnyArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One recorded episode of T steps with D deputies, in SI units and Hill's frame.
+
+    Attributes:
+        time: Time since the reset [s], shape (T + 1,).
+        position: Position of each deputy [m], shape (T + 1, D, 3).
+        velocity: Velocity of each deputy [m/s], shape (T + 1, D, 3).
+        control: Control of each deputy held over each step: thrust [N], shape (T, D, 3), or thrust and moment [N m] of
+            vehicles that turn, shape (T, D, 6); see `thrust`.
+        delta_v: Velocity change that each deputy has spent [m/s], shape (T + 1, D).
+        status: How the episode ended.
+        slot: Global index of the environment slot.
+        deputies: Name of each deputy.
+        arrays: Arrays that components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can also be
+            read as attributes, such as ``trajectory.sun_angle``.
+        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without
+            points.
+        inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
+        inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
+        mean_motion: Mean motion of the chief's orbit [rad/s], 0 if there is none.
+        in_body_axes: Whether the thrust in `control` is in body axes; else it is in Hill's frame.
+        camera: Axis in body axes and half angle [rad] of the cone of a camera that turns with each deputy, if any.
+        docking_radius: Radius of the docking region about the chief [m], 0 if there is none.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    control: FloatArray
+    delta_v: FloatArray
+    status: DoneStatus
+    slot: int
+    deputies: tuple[str, ...]
+    arrays: Mapping[str, FloatArray] = field(default_factory=dict)
+    points: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    inspected_at: FloatArray = field(default_factory=lambda: np.zeros(0))
+    inspector: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    mean_motion: float = 0.0
+    in_body_axes: bool = False
+    camera: tuple[tuple[float, float, float], float] | None = None
+    docking_radius: float = 0.0
+
+    def __getattr__(self, name: str) -> FloatArray:
+        arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})
+        if name not in arrays:
+            known = f"; its components record {', '.join(arrays)}" if arrays else ""
+            raise AttributeError(f"the recorded episode has no {name!r}{known}")
+        return arrays[name]
+
+    @property
+    def thrust(self) -> FloatArray:
+        """Thrust of each deputy along Hill's axes at the start of each step [N], shape (T, D, 3)."""
+        thrust = self.control[..., :3]
+        return rotate(self.orientation[:-1], thrust) if self.in_body_axes else thrust
+
+    @property
+    def boresight(self) -> FloatArray | None:
+        """Unit vector of each deputy's camera, Hill frame, shape (T + 1, D, 3); None without a camera that turns."""
+        if self.camera is None:
+            return None
+        return rotate(self.orientation, np.broadcast_to(np.array(self.camera[0]), self.position.shape))
+
+    @property
+    def range(self) -> FloatArray:
+        """Distance of each deputy from the chief's centre [m], shape (T + 1, D)."""
+        return np.asarray(np.sqrt(np.square(self.position).sum(axis=-1)))
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speed of each deputy in the chief's frame [m/s], shape (T + 1, D)."""
+        return np.asarray(np.sqrt(np.square(self.velocity).sum(axis=-1)))
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Fraction of the points inspected so far [-], shape (T + 1,); NaN where there are no points."""
+        if not len(self.points):
+            return np.full(len(self.time), np.nan)
+        when = np.sort(self.inspected_at)
+        return np.searchsorted(when, self.time, side="right") / len(when)
+
+    def coverage_of(self, deputy: int) -> FloatArray:
+        """Return the fraction of the points that a deputy was the first to inspect so far [-], shape (T + 1,).
+
+        Args:
+            deputy: Index of the deputy.
+        """
+        when = np.sort(np.where(self.inspector == deputy, self.inspected_at, np.inf))
+        return np.searchsorted(when, self.time, side="right") / len(when)
+
+    def until(self, time: float) -> Trajectory:
+        """Return the episode up to a time since its reset [s]; its status is RUNNING if it is cut before its end."""
+        last = max(int(np.searchsorted(self.time, time, side="right")), 1)
+        if last >= len(self.time):
+            return self
+        rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v")}
+        seen = np.where(self.inspected_at <= self.time[last - 1], self.inspected_at, np.inf)
+        return replace(
+            self,
+            **rows,
+            arrays={name: array[:last] for name, array in self.arrays.items()},
+            control=self.control[: last - 1],
+            inspected_at=seen,
+            inspector=np.where(np.isfinite(seen), self.inspector, -1),
+            status=DoneStatus.RUNNING,
+        )
+
+    @property
+    def sun_direction(self) -> FloatArray | None:
+        """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3); None in a task without a sun."""
+        angle = self.arrays.get("sun_angle")
+        return None if angle is None else sun_directions(angle)
+
 
 #: The figure that is added when a reference is given: delta-v minus that of the open-loop optimum.
 GAP = "gap to the open-loop optimum"
@@ -25,7 +141,7 @@ FIGURES = {
 }
 
 #: Label and unit of each quantity that components report, by the quantity's name.
-Labels = Mapping[str, tuple[str, str]]
+_Labels = Mapping[str, tuple[str, str]]
 
 _T = TypeVar("_T")
 
@@ -36,7 +152,13 @@ class _Informed:
     `info` contains the quantities that components report.
     """
 
+    status: AnyArray
     info: Mapping[str, AnyArray]
+
+    @property
+    def success(self) -> AnyArray:
+        """Episodes that were won, shape (E,)."""
+        return np.asarray(self.status == DoneStatus.WIN)
 
     def __getattr__(self, name: str) -> AnyArray:
         info: Mapping[str, AnyArray] = self.__dict__.get("info", {})
@@ -45,7 +167,7 @@ class _Informed:
             raise AttributeError(f"the episodes of this task have no {name!r}{known}")
         return info[name]
 
-    def labelled(self, labels: Labels) -> dict[str, FloatArray]:
+    def labelled(self, labels: _Labels) -> dict[str, FloatArray]:
         """Return the quantities that components report, by label."""
         return {labels.get(name, (name, "-"))[0]: values.astype(np.float64) for name, values in self.info.items()}
 
@@ -73,12 +195,7 @@ class AgentEpisodes(_Informed):
     info: Mapping[str, AnyArray] = field(default_factory=dict)
     metrics: Mapping[str, FloatArray] = field(default_factory=dict)
 
-    @property
-    def success(self) -> AnyArray:
-        """Episodes that the agent won, shape (E,)."""
-        return np.asarray(self.status == DoneStatus.WIN)
-
-    def figures(self, labels: Labels) -> dict[str, FloatArray]:
+    def figures(self, labels: _Labels) -> dict[str, FloatArray]:
         """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
         usual = {"delta-v": self.delta_v, "length": self.length.astype(np.float64)}
         return {"return": self.returns, **self.labelled(labels), **usual}
@@ -124,7 +241,7 @@ class Episodes(_Informed):
     agents: Mapping[str, AgentEpisodes] = field(default_factory=dict)
     metrics: Mapping[str, FloatArray] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    labels: Labels = field(default_factory=dict)
+    labels: _Labels = field(default_factory=dict)
     initial_states: Mapping[str, FloatArray] = field(default_factory=dict)
     causes: AnyArray | None = None
 
@@ -147,11 +264,6 @@ class Episodes(_Informed):
 
     def __len__(self) -> int:
         return len(self.returns)
-
-    @property
-    def success(self) -> AnyArray:
-        """Episodes that were won, shape (E,)."""
-        return np.asarray(self.status == DoneStatus.WIN)
 
     def figures(self) -> dict[str, FloatArray]:
         """Return the standard figures by label, without terms and metrics, each of shape (E,)."""

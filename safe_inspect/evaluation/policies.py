@@ -1,11 +1,11 @@
-"""Policies for `rollout`: functions of observations, and the baselines that trained policies are compared with."""
+"""Policies for `rollout`: functions of observations, baselines, and the dispatcher that asks them for actions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,12 @@ from safe_inspect.config.messages.messages import functor_mistakes
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.finite_checks import all_finite
 from safe_inspect.environments.layout import Layout
+from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean, not_named
 from safe_inspect.plugins.functor import build
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.types import AnyArray, FloatArray, IntArray
-
-ObservationRows: TypeAlias = NDArray[np.float32]
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Maps observations (float32, shape (R, O)) to actions (shape (R, A)). A policy that controls K agents in N
 #: environments gets R = N * K rows, ordered by environment. A policy that keeps a state between steps has a method
@@ -30,7 +29,7 @@ ObservationRows: TypeAlias = NDArray[np.float32]
 #: If a policy has a method ``decide(observation, rows, step)`` and no true attribute ``recurrent``, `decide` is called
 #: instead, and only for the rows whose episode is running and whose action is used in the step. It maps observations
 #: (Q, O), with their row indices among the R rows, shape (Q,), to actions (Q, A). `step` counts the steps from 0.
-Policy: TypeAlias = Callable[[ObservationRows], AnyArray]
+Policy: TypeAlias = Callable[[NDArray[np.float32]], AnyArray]
 
 #: Name of each baseline -> name of its scripted policy, which is used with its default values.
 BASELINES: Mapping[str, str] = MappingProxyType(
@@ -61,7 +60,7 @@ class Flight:
     deputies: IntArray
 
 
-def require_finite_rows(observation: ObservationRows) -> None:
+def require_finite_rows(observation: NDArray[np.float32]) -> None:
     """Raise an error if observations contain NaN or infinity, for which a policy has no meaningful action.
 
     Args:
@@ -126,3 +125,176 @@ def with_scripted(
             raise SafeInspectError(f"the `{field}` of {plugin.registered_name}: {not_named(kind, value, known[kind])}")
     flown = tuple(replace(agent, scripted_policy=plugin) if agent.name in chosen else agent for agent in spec.agents)
     return replace(spec, agents=flown)
+
+
+#: One policy for all controlled agents, or a mapping from the name of each agent to its policy.
+Policies = Policy | ScriptedPolicy | Mapping[str, Policy | ScriptedPolicy]
+
+
+def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, dict[str, Policy]]:
+    """Return the task with the scripted policies inside it, and the policy of each controlled agent.
+
+    Controlled agents are those without a scripted policy in the task.
+
+    Raises:
+        ArgumentError: The task or a policy has a wrong type.
+        SafeInspectError: An agent has no policy, or a policy has no agent.
+    """
+    if not isinstance(spec, EnvironmentSpec):
+        raise ArgumentError(
+            f"a task must be an EnvironmentSpec, got {spec!r:.60}; `load_spec` returns that of a file or an id"
+        )
+    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    if not isinstance(policies, Mapping):
+        policies = dict.fromkeys(outside, policies)
+    for name in policies:
+        if name not in outside:
+            known = f"; {did_you_mean(name, outside)}" if outside else ""
+            flies = any(agent.name == name for agent in spec.agents)
+            what = f"the agent {name!r} is controlled by the task's policy" if flies else f"no agent is named {name!r}"
+            raise SafeInspectError(
+                f"a policy is given for an agent that is not controlled by the caller: {what}{known}"
+            )
+    missing = [name for name in outside if name not in policies]
+    if missing:
+        raise SafeInspectError(f"no policy is given for {', '.join(missing)}; give one for each agent")
+    flying: dict[str, Policy] = {}
+    for name, policy in policies.items():
+        if isinstance(policy, type) or not callable(policy):
+            hint = "`baseline` returns scripted policies"
+            if isinstance(policy, type):
+                hint = f"give an object, {policy.__name__}(...)"
+            raise ArgumentError(f"the policy {policy!r:.60} cannot be called with observations; {hint}")
+        if isinstance(policy, ScriptedPolicy):
+            spec = with_scripted(spec, policy, [name])
+        else:
+            flying[name] = policy
+    return spec, flying
+
+
+@dataclass(frozen=True)
+class _Assignment:
+    """A policy and the agents that it controls, each as (index of the acting group, index in the group)."""
+
+    policy: Any
+    agents: tuple[tuple[int, int], ...]
+    action_size: int
+
+
+class PolicyDispatcher:
+    """Policies of the controlled agents of a batch. A policy of several agents is called once per step.
+
+    Args:
+        environment: The batch.
+        flying: The policy of each controlled agent, by the agent's name.
+        first_slot: Global index of the environment slot of the first row.
+
+    Attributes:
+        selective: Whether every policy has a method `decide`, so that `decide` can be used instead of a call.
+
+    Raises:
+        SafeInspectError: One policy controls agents whose observations or actions differ.
+    """
+
+    def __init__(self, environment: TeamEnvironment, flying: Mapping[str, Policy], first_slot: int) -> None:
+        self._shapes = [(environment.num_envs, group.size, group.action_layout.size) for group in environment.acting]
+        agents: dict[int, list[tuple[int, int]]] = {}
+        for index, group in enumerate(environment.acting):
+            for member, name in enumerate(group.agents):
+                agents.setdefault(id(flying[name]), []).append((index, member))
+        policies = {id(policy): policy for policy in flying.values()}
+        self._assigned = [self._assignment(environment, policies[key], own) for key, own in agents.items()]
+        self.selective = all(hasattr(one, "decide") and not getattr(one, "recurrent", False) for one in flying.values())
+        for assigned in self._assigned:
+            begin = getattr(assigned.policy, "begin", None)
+            if begin is not None:
+                begin(_flight(environment, assigned, first_slot))
+
+    @staticmethod
+    def _assignment(environment: TeamEnvironment, policy: Policy, agents: list[tuple[int, int]]) -> _Assignment:
+        first = environment.acting[agents[0][0]]
+        for index, member in agents:
+            group = environment.acting[index]
+            for what in ("observation_layout", "action_layout"):
+                if getattr(group, what).names != getattr(first, what).names:
+                    raise SafeInspectError(
+                        f"one policy controls {first.agents[0]} and {group.agents[member]}, which have different "
+                        f"{what.partition('_')[0]}s; give each agent a policy"
+                    )
+        return _Assignment(policy, tuple(agents), first.action_layout.size)
+
+    def __call__(self, observations: Sequence[AnyArray], running: BoolArray) -> list[AnyArray]:
+        """Return the actions of every acting group, shape (N, G, A); 0 in rows that are not running.
+
+        Args:
+            observations: For each acting group, shape (N, G, O).
+            running: Mask of the rows whose episode is running, shape (N,).
+
+        Raises:
+            ValueError: A policy's actions have a wrong shape.
+        """
+        actions = [np.zeros(shape) for shape in self._shapes]
+        for assigned in self._assigned:
+            seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
+            seen = seen.reshape(-1, seen.shape[-1])
+            action = _checked(assigned, assigned.policy(seen), len(seen))
+            for rows, (index, member) in zip(
+                np.moveaxis(action.reshape(len(running), -1, assigned.action_size), 1, 0), assigned.agents, strict=True
+            ):
+                np.copyto(actions[index][:, member], rows, where=running[:, None])
+        return actions
+
+    def decide(
+        self, observations: Sequence[AnyArray], asked: Sequence[BoolArray], rows: IntArray, step: int
+    ) -> list[AnyArray]:
+        """Return the actions of every acting group, shape (M, G, A); 0 for agents that do not decide in this step.
+
+        Args:
+            observations: For each acting group, shape (M, G, O); those of agents that do not decide may be NaN.
+            asked: For each acting group the mask of the agents that decide: their episode is running and their action
+                is used, shape (M, G).
+            rows: Indices of the M environments in the batch, shape (M,).
+            step: Number of the step, from 0.
+
+        Raises:
+            ValueError: A policy's actions have a wrong shape.
+        """
+        actions = [np.zeros((len(rows), *shape[1:])) for shape in self._shapes]
+        for assigned in self._assigned:
+            seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
+            mask = np.stack([asked[index][:, member] for index, member in assigned.agents], axis=1)
+            row, place = np.nonzero(mask)
+            if len(row):
+                numbers = rows[row] * len(assigned.agents) + place
+                found = _checked(assigned, assigned.policy.decide(seen[mask], numbers, step), len(row))
+                for number, (index, member) in enumerate(assigned.agents):
+                    own = place == number
+                    actions[index][row[own], member] = found[own]
+        return actions
+
+
+def _checked(assigned: _Assignment, action: Any, rows: int) -> AnyArray:
+    """Return the actions of a policy after a check of their shape.
+
+    Raises:
+        ValueError: The shape is not (rows, A).
+    """
+    found, wanted = np.asarray(action), (rows, assigned.action_size)
+    if found.shape != wanted:
+        raise ValueError(f"the policy returned actions of shape {found.shape}; expected {wanted}")
+    return found
+
+
+def _flight(environment: TeamEnvironment, assigned: _Assignment, first_slot: int) -> Flight:
+    world, count = environment.simulation.world, environment.num_envs
+    group = environment.acting[assigned.agents[0][0]]
+    deputies = [environment.acting[index].first + member for index, member in assigned.agents]
+    return Flight(
+        slots=np.repeat(first_slot + np.arange(count), len(deputies)),
+        observation=group.observation_layout,
+        action=group.action_layout,
+        step_size=world.step_size,
+        mean_motion=world.offers.world.get("mean_motion", 0.0),
+        masses=world.masses,
+        deputies=np.tile(deputies, count),
+    )

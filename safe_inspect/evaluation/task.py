@@ -66,7 +66,7 @@ def price_of(spec: EnvironmentSpec) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def points_of(spec: EnvironmentSpec) -> tuple[str, ...]:
+def _points_of(spec: EnvironmentSpec) -> tuple[str, ...]:
     """Return the names of the bodies that have inspection points."""
     return tuple(getattr(spec.simulator, "inspection_points_map", ()))
 
@@ -83,14 +83,11 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
         metrics.append(InvalidActions())
     if any(action_layout(agent).coast is not None for agent in spec.agents):
         metrics.append(Decisions())
-    bodies = [name for name in (*points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
+    bodies = [name for name in (*_points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
     if bodies:
         metrics += [cls(entity_name=bodies[0]) for cls in (SmallestRange, LargestRange, LargestSpeed)]
-    for name in points_of(spec)[:1]:
-        metrics += [
-            TimeToCoverage(inspection_entity_name=name),
-            DeltaVAfterLastPoint(inspection_entity_name=name),
-        ]
+    for name in _points_of(spec)[:1]:
+        metrics += [TimeToCoverage(inspection_entity_name=name), DeltaVAfterLastPoint(inspection_entity_name=name)]
     found: dict[str, BaseMetric] = {}
     for filtering in filters:
         for metric in _constraints(filtering) if filtering is not None else ():

@@ -1,11 +1,10 @@
 """Figures, films and interactive pages. Matplotlib is imported only when a picture is drawn."""
 
-from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.film import Film
-from safe_inspect.figures.film_files import save_film
-from safe_inspect.figures.learning_curve import learning_curve_figure
+from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure
 from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.figures.pictures import save_film
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 
 __all__ = [

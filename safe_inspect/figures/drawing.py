@@ -8,9 +8,15 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, GREY, PALE
 from safe_inspect.outputs import new_file
+from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,6 +48,9 @@ _STYLE: Any = {
     "legend.frameon": False,
 }
 
+_FARTHEST = 1000.0
+_ENDINGS = {DoneStatus.WIN: "success", DoneStatus.LOSE: "lost", DoneStatus.DRAW: "neither won nor lost"}
+
 
 def deputy_line(index: int) -> dict[str, Any]:
     """Return colour and dashes of a deputy's lines; after five deputies the colours repeat with other dashes."""
@@ -49,11 +58,6 @@ def deputy_line(index: int) -> dict[str, Any]:
         "color": DEPUTY_COLOURS[index % len(DEPUTY_COLOURS)],
         "linestyle": ("-", (0, (4, 1.5)), (0, (1, 1)))[index // len(DEPUTY_COLOURS) % 3],
     }
-
-
-def deputy_marker(index: int) -> str:
-    """Return the marker of the points that a deputy has inspected."""
-    return ("o", "^", "s")[index // len(DEPUTY_COLOURS) % 3]
 
 
 def require_matplotlib() -> None:
@@ -83,7 +87,7 @@ def style() -> Any:
     return matplotlib.rc_context(_STYLE)
 
 
-def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
+def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a figure to a file; the ending of its name determines the format (png, pdf, svg).
 
     Raises:
@@ -91,6 +95,60 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 150) -> None:
     """
     try:
         with new_file(path) as work, style():
-            figure.savefig(work, dpi=dpi)
+            figure.savefig(work, dpi=150)
     except ValueError as error:  # raised for an unknown format
         raise OutputError(f"{os.fspath(path)}: the file cannot be written ({error}); give another file") from None
+
+
+def clock(episode: Trajectory) -> tuple[float, str]:
+    """Return the unit of time of the figure, in seconds, and its symbol."""
+    return (3600.0, "h") if episode.time[-1] >= 86_400.0 else (60.0, "min")
+
+
+def radius_of(episode: Trajectory) -> float:
+    """Return the radius of the sphere of points [m]."""
+    return float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
+
+
+def reach_of(episode: Trajectory) -> float:
+    """Return the largest range that is shown [m].
+
+    A deputy that drifts far away would make everything else too small, so ranges are shown up to 1 km, or 1.5 times the
+    deputies' largest range at the start if that is more.
+    """
+    most = max(_FARTHEST, 1.5 * float(episode.range[0].max()))
+    return float(episode.range[episode.range <= most].max())
+
+
+def ending(episode: Trajectory) -> str:
+    """Return how an episode ended, in words; empty while it is running."""
+    return _ENDINGS.get(episode.status, "")
+
+
+def time_norm(episode: Trajectory) -> Any:
+    """Return the colour scale of time, in the figure's unit of time."""
+    from matplotlib.colors import Normalize
+
+    return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
+
+
+def speed_limit_of(episode: Trajectory) -> FloatArray | None:
+    """Return the largest safe speed at each deputy's range [m/s], shape (T + 1, D); None without a chief in orbit.
+
+    It is the task's ``speed_limit`` if a component records it, else the published limit for inspection, v0 + 2 n (r -
+    d0): 0.2 m/s at 10 m, increasing by twice the mean motion per metre.
+    """
+    if not episode.mean_motion:
+        return None
+    if "speed_limit" in episode.arrays:
+        return episode.arrays["speed_limit"]
+    limit = ConstraintParameters(n=episode.mean_motion)
+    return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
+
+
+def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
+    """Return the speeds above their limit and the speed after each of these, NaN elsewhere, shape (T + 1, D)."""
+    above = speed > limit
+    shown = above.copy()
+    shown[1:] |= above[:-1]
+    return np.where(shown, speed, np.nan)

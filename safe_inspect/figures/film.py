@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.camera import Moment, moment
-from safe_inspect.figures.chief_figure import clock, radius_of, reach_of
-from safe_inspect.figures.drawing import deputy_line, style
-from safe_inspect.figures.film_views import ApproachView, ChiefView, SideView
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.figures.drawing import clock, deputy_line, radius_of, reach_of, style
+from safe_inspect.figures.film_views import ApproachView, ChiefView, Moment, SideView, moment
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.geometry.picture import (

@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import OutputError
-from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import clock, ending, radius_of, reach_of
-from safe_inspect.figures.drawing import deputy_line
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.figures.drawing import above_limit, clock, deputy_line, ending, radius_of, reach_of, speed_limit_of
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
-from safe_inspect.figures.time_panels import above_limit, speed_limit_of
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION, VIEW
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
@@ -35,7 +33,7 @@ def episode_page(episode: Trajectory, title: str = "Inspection of a chief") -> s
         episode: The episode.
         title: Title of the page.
     """
-    return page_of(episode_data(episode), title, "episode_scene.js")
+    return page_of(_episode_data(episode), title, "episode_scene.js")
 
 
 def page_of(data: dict[str, Any], title: str, scene: str) -> str:
@@ -75,7 +73,7 @@ def save_page(text: str, path: str | os.PathLike[str]) -> None:
         work.write_text(text, encoding="utf-8")
 
 
-def episode_data(episode: Trajectory) -> dict[str, Any]:
+def _episode_data(episode: Trajectory) -> dict[str, Any]:
     """Return the data that the page draws, as plain lists; lengths in metres, times in seconds.
 
     Numbers are rounded to the precision that a picture can show: positions to a millimetre, speeds to 0.1 mm/s.

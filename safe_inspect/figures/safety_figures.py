@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from safe_inspect.evaluation.acceptance import Acceptance
-from safe_inspect.evaluation.safety_report import SafetyReport
+from safe_inspect.evaluation.safety_report import Acceptance, SafetyReport
 from safe_inspect.figures.drawing import style
 from safe_inspect.geometry.picture import BLUE, GREY, VERMILION
 from safe_inspect.tasks.inspection.sun import sun_directions

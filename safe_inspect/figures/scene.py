@@ -6,21 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from safe_inspect.evaluation.trajectory import Trajectory
-from safe_inspect.figures.chief_figure import clock, point_colours, radius_of, reach_of, time_norm
-from safe_inspect.figures.drawing import SEQUENTIAL, deputy_line
-from safe_inspect.geometry.picture import (
-    BLACK,
-    FRONT,
-    GREY,
-    ORANGE,
-    PALE,
-    VERMILION,
-    VIEW,
-    pieces,
-    ring,
-    sun_arrow,
-)
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.figures.drawing import SEQUENTIAL, clock, deputy_line, radius_of, reach_of, time_norm
+from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VERMILION, VIEW, pieces, ring, sun_arrow
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
@@ -121,7 +109,8 @@ def _draw_chief(axes: Any, episode: Trajectory) -> None:
         axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
         axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
         return
-    for which, colour in point_colours(episode):
+    owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
+    for which, colour in (*owners, (~seen, GREY)):
         axes.scatter(*episode.points[which & front].T, color=colour, **dots)
 
 
@@ -133,11 +122,11 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
         axes.plot(*pieces(way, which).T, zorder=place, label=label if order == 3 else None, **kwargs)
 
 
-def largest_burns(episode: Trajectory, deputy: int, most: int = _MOST_BURNS) -> np.ndarray[Any, np.dtype[np.int64]]:
+def largest_burns(episode: Trajectory, deputy: int) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Return the steps of a deputy's largest burns, in order of time, shape (B,)."""
     size = np.square(episode.thrust[:, deputy]).sum(axis=-1)
     burning = np.flatnonzero(size)
-    return np.sort(burning[np.argsort(-size[burning], kind="stable")[:most]])
+    return np.sort(burning[np.argsort(-size[burning], kind="stable")[:_MOST_BURNS]])
 
 
 def stroke(size: Any, few: bool) -> Any:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.outputs import new_file
 
-FORMAT = 1
+_FORMAT = 1
 
 
 class Burn(BaseModel):
@@ -106,7 +106,7 @@ class Record:
         columns = {name: [row[name] for row in rows] for name in ("success", "steps", "inspected", "burns")}
         optimised = self.kind == "optimiser"
         return {
-            "format": FORMAT,
+            "format": _FORMAT,
             "kind": self.kind,
             "seed": self.seed,
             "episodes": len(rows),
@@ -136,8 +136,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, not {FORMAT}")
+        if content["format"] != _FORMAT:
+            raise ValueError(f"its format is {content['format']}, not {_FORMAT}")
         entries = tuple(
             Entry(
                 key=int(content["keys"][row], 16),

@@ -1,4 +1,4 @@
-"""`DockingController`: docks with a tumbling target by proportional-derivative control along a corridor."""
+"""`DockingAutopilot` and `DockingController`: dock with a chief at rest, and with a tumbling target."""
 
 from __future__ import annotations
 
@@ -8,12 +8,44 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import rotate
-from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
-from safe_inspect.policies.rows import cross_rows, dot_rows, size_of_rows
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, cross_rows, dot_rows, shortened, size_of_rows
 from safe_inspect.simulators.view import View
+from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveAngularRate
+
+
+class DockingAutopilot(SpeedLimit, ScriptedPolicy):
+    """Autopilot that flies to the origin at a share of the docking speed limit.
+
+    Let P be the position that the deputy reaches after one step without thrust. The thrust of the step makes the
+    velocity after the step point from P to the origin, with a speed of `share` times the speed limit at P. This is
+    exact in Clohessy-Wiltshire dynamics, unless the thrust exceeds the limits of the controllers.
+
+    Attributes:
+        share: Desired share of the speed limit [-].
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("mean_motion",)
+
+    share: float = Field(default=0.98, gt=0, le=1)
+
+    def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
+        """Return the thrust [N], shape (R, 3)."""
+        phi, gamma = transition(view.world.mean_motion, 1.0, view.world.step_size)
+        state = [*view.position.T, *view.velocity.T]
+        coasted = [sum(phi[i, j] * state[j] for j in range(6)) for i in range(6)]
+        position, velocity = np.stack(coasted[:3], axis=-1), np.stack(coasted[3:], axis=-1)
+        distance = np.sqrt(position[:, 0] ** 2 + position[:, 1] ** 2 + position[:, 2] ** 2)
+        threshold, near, slope, _ = self.limit_line(view.world)
+        speed = self.share * (threshold + slope * np.maximum(distance - near, 0.0))
+        wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]
+        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        thrust = mass * (wanted - velocity) / np.diag(gamma[3:])
+        return shortened(thrust, limits)  # keeps the direction of the velocity change
+
 
 #: Distance of the reference from the target's centre outside the corridor [m], half angle of the corridor about the
 #: direction of the mating point [rad], and upper bound of wn / (2 zeta) |dp| [m/s].
@@ -45,7 +77,7 @@ class DockingController(ScriptedPolicy):
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the thrust [N], shape (R, 3)."""
         mating, position, velocity = view.mating_point_position, view.position, view.velocity
-        turn = _angular_velocity(view)
+        turn = rotate(view.target_orientation, view.target_angular_velocity)
         reach, distance = size_of_rows(mating), np.maximum(size_of_rows(position), 1e-9)
         n, p = mating / np.maximum(reach, 1e-9)[:, None], position / distance[:, None]
         angle = np.arccos(np.clip(dot_rows(n, p), -1.0, 1.0))
@@ -63,8 +95,3 @@ class DockingController(ScriptedPolicy):
         wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))
-
-
-def _angular_velocity(view: View) -> FloatArray:
-    """Return the angular velocity of the target in W [rad/s], shape (R, 3)."""
-    return rotate(view.target_orientation, view.target_angular_velocity)

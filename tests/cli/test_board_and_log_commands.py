@@ -13,7 +13,7 @@ import pytest
 
 from safe_inspect.cli.commands import leaderboard, mission_figures, recording
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.baselines.run import OPTIMISER
+from safe_inspect.evaluation.baselines import OPTIMISER
 
 Typed = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("here")
@@ -123,7 +123,7 @@ def test_plans_of_a_board_are_searched_with_its_seed(monkeypatch: pytest.MonkeyP
     asked: list[Any] = []
     monkeypatch.setattr(leaderboard, "complete", lambda *given, **more: asked.append((given, more)) or "record")
     monkeypatch.setattr(leaderboard, "Standing", SimpleNamespace(of_plans=lambda *given: given))
-    row = SimpleNamespace(title="O", task=None, effort="quick")
+    row = SimpleNamespace(title="O", task=None)
     board = SimpleNamespace(title="B", task="safe_inspect/TranslationalInspectionSeed-v0")
     entry: Any = SimpleNamespace(board=board, row=row, candidate=None, overrides=("horizon=30",))
     whole: Any = SimpleNamespace(episodes=9, seed=4)

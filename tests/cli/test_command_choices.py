@@ -15,8 +15,8 @@ from safe_inspect.cli.commands import baseline, leaderboard, pilot_candidate, re
 from safe_inspect.cli.commands.pilot_candidate import PilotCandidate, open_pilot
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.missions import LocalFlights
 from safe_inspect.evaluation.results.results import EvaluationError
-from safe_inspect.evaluation.rollouts.missions import LocalFlights
 from safe_inspect.rendezvous.experiment import load_rendezvous
 
 Typed = Callable[..., tuple[int, str, str]]

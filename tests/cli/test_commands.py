@@ -14,7 +14,7 @@ import pytest
 
 from safe_inspect import train_rl
 from safe_inspect.cli.main import main
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.evaluation.shipped import shipped_policies
 from safe_inspect.plugins.registry import registry
 from safe_inspect.task_ids import ALL_TASKS
 from safe_inspect.version import __version__

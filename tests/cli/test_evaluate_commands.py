@@ -17,8 +17,7 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.results.folder import read_evaluation
-from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+from safe_inspect.evaluation.results.files import read_evaluation, read_trajectories
 from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.outputs import MARKER
 from safe_inspect.version import __version__
@@ -337,7 +336,7 @@ def test_an_onnx_file_and_a_shipped_policy_fly_as_their_checkpoint(typed, runs, 
     shutil.copy("policy.onnx", shipped)
     shutil.copy(runs / "plain" / "experiment.resolved.yml", shipped)
     (shipped / "policy.json").write_text(json.dumps({"agents": {"blue0_ctrl": "policy.onnx"}}))
-    monkeypatch.setattr("safe_inspect.evaluation.policy_files.shipped._ROOT", here / "trained")
+    monkeypatch.setattr("safe_inspect.evaluation.shipped._ROOT", here / "trained")
     written = (runs / "plain",), ("policy.onnx",), ("--policy", "flier"), ("flier",)
     for name, words in zip("abcd", written, strict=True):
         assert typed("evaluate", *words, "--episodes", "3", "--output", name)[0] == 0

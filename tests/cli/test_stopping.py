@@ -20,7 +20,7 @@ CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 _LONG_SEARCH = """
 import sys
 from safe_inspect.cli.main import main
-from safe_inspect.planning.burns import search
+from safe_inspect.planning import burn_search as search
 revise = search.revise_plan
 def announced(problem, state, start, delta_v, seed, effort):
     short = effort._replace(restarts=1, iterations=1)
@@ -151,14 +151,16 @@ def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
 
 
 def test_a_baseline_whose_disk_is_full_prints_what_it_has_flown(here, capsys, monkeypatch):
-    from safe_inspect.evaluation.baselines import flight, run
+    from safe_inspect.evaluation import baselines, rollouts
 
     words = ["baseline", "random", "--episodes", "5", "horizon=25"]
     assert main(words) == 0
     table = capsys.readouterr().out
-    fly = flight.fly_slots
+    fly = rollouts.fly_slots
     with ExitStack() as filled:
-        monkeypatch.setattr(run, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1])
+        monkeypatch.setattr(
+            baselines, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1]
+        )
         code = main([*words, "--output", "b.json"])
     out, err = capsys.readouterr()
     assert (code, out) == (2, table)

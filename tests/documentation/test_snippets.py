@@ -12,7 +12,7 @@ from safe_inspect import train_rl
 from safe_inspect.cli import main as cli
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.evaluation.policy_files.shipped import shipped_policy
+from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.rendezvous.experiment import is_rendezvous, load_rendezvous
 
 from .blocks import Block, blocks_of, run_command

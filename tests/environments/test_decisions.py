@@ -219,7 +219,7 @@ def test_several_agents_decide_at_their_own_times():
 
 
 def test_a_metric_counts_decisions():
-    from safe_inspect.evaluation.rollouts.rollout import rollout
+    from safe_inspect.evaluation.rollouts import rollout
 
     spec = load_experiment(ONE, ["horizon=40"]).spec
     sleep = np.array([0.0, 0.0, 0.0, 2.0])  # 16 steps

@@ -13,7 +13,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import InspectionEnv, InspectionVectorEnv, TeamEnvironment
 from safe_inspect.environments.episodes import transition_info
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.task import default_metrics
 
 ID = "safe_inspect/TranslationalInspectionSeed-v0"

@@ -13,7 +13,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dones import DoneFunction, DoneStatus, SharedDoneFunction
 from safe_inspect.environments import TeamEnvironment, load_spec, make
 from safe_inspect.errors import PluginValueError
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.glues import ObservationGlue
 from safe_inspect.metrics.base import Metric
 from safe_inspect.platforms import Sensor

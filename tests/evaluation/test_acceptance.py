@@ -8,7 +8,7 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.acceptance import acceptance
+from safe_inspect.evaluation.safety_report import acceptance
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.safety_figures import acceptance_figure
 

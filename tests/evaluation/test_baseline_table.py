@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from scipy.stats import binomtest
 
-from safe_inspect.evaluation.baselines.table import baseline_table
-from safe_inspect.evaluation.leaderboard.board import FlownRow
-from safe_inspect.evaluation.leaderboard.standings import Standing
+from safe_inspect.evaluation.baselines import baseline_table
+from safe_inspect.evaluation.results.leaderboard import FlownRow, Standing
 from safe_inspect.planning.record import Entry, Record
 
 #: Won, delta-v, steps, points, burns; what the search planned, what the inspector spends, whether the plan is own.

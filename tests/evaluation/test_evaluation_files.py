@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.dones import DoneStatus
-from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes
-from safe_inspect.evaluation.results.comparison import compare
-from safe_inspect.evaluation.results.folder import read_evaluation, write_evaluation
+from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes, Trajectory
+from safe_inspect.evaluation.results.files import read_evaluation, read_trajectories, trajectory_table, write_evaluation
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
-from safe_inspect.evaluation.results.trajectory_table import read_trajectories, trajectory_table
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson
 
 COUNT = 6

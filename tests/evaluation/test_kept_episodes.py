@@ -16,9 +16,8 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.rollouts import rollout as rollouts
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, batch_file
+from safe_inspect.evaluation import baseline, rollout, rollouts
+from safe_inspect.evaluation.kept import KeptEpisodes, _batch_file
 from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.experiments.modules import sources
 
@@ -45,7 +44,7 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def flown(monkeypatch):
     """The first episodes of the batches that are flown; a batch in `stops` is stopped."""
-    found, whole = [], rollouts.fly_batch
+    found, whole = [], rollouts._fly_batch
 
     def fly(environment, flying, metrics, first, *rest):
         found.append(first)
@@ -56,7 +55,7 @@ def flown(monkeypatch):
 
     stops: list[int] = []
     found_and_stops = (found, stops)
-    monkeypatch.setattr(rollouts, "fly_batch", fly)
+    monkeypatch.setattr(rollouts, "_fly_batch", fly)
     return found_and_stops
 
 
@@ -200,7 +199,7 @@ def test_a_damaged_batch_is_flown_again(capsys, flown):
     found, stops = flown
     stops.append(4)
     assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 130
-    Path("out.part", batch_file("random", 0)).write_bytes(b"PK damaged")
+    Path("out.part", _batch_file("random", 0)).write_bytes(b"PK damaged")
     found.clear()
     assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 0
     assert found == [0, 4]
@@ -243,13 +242,13 @@ def test_a_killed_evaluation_continues(capsys):
     code = """
 import sys, time
 from safe_inspect.cli.main import main
-from safe_inspect.evaluation.rollouts import rollout
-fly = rollout.fly_batch
+from safe_inspect.evaluation import rollouts as rollout
+fly = rollout._fly_batch
 def announced(environment, flying, metrics, first, *rest):
     print(first, flush=True)
     time.sleep(60 * (first == 4))
     return fly(environment, flying, metrics, first, *rest)
-rollout.fly_batch = announced
+rollout._fly_batch = announced
 sys.exit(main(sys.argv[1:]))
 """
     words = ["evaluate", "random", *SHORT, "--output", "out"]
@@ -259,7 +258,7 @@ sys.exit(main(sys.argv[1:]))
     time.sleep(0.1)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
-    assert {path.name for path in Path("out.part").glob("*.npz")} == {batch_file("random", first) for first in (0, 2)}
+    assert {path.name for path in Path("out.part").glob("*.npz")} == {_batch_file("random", first) for first in (0, 2)}
     assert main(words) == 0
     assert main([*words[:-1], "whole"]) == 0
     assert results("out") == results("whole")

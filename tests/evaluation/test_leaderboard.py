@@ -12,10 +12,9 @@ from safe_inspect.cli.commands import leaderboard as command
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.leaderboard.board import FlownRow, read_leaderboard
-from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_page
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.results.leaderboard import FlownRow, Standing, leaderboard_page, read_leaderboard
 from safe_inspect.evaluation.results.results import Block, Evaluation
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 
 TASK = configs_root() / "translational-inspection" / "experiment-seed.yml"
 BOARDS = f"""
@@ -28,7 +27,7 @@ boards:
     rows:
       - {{source: zero-thrust, note: coasts}}
     published:
-      - {{name: "A | B", reference: arXiv 0000.00000, success: 0.5, points: 98.82, training_steps: 1000}}
+      - {{name: "A | B", reference: arXiv 0000.00000, success: 0.5, points: 98.82}}
 """
 MORE = "boards: [{title: Small, rows: [{source: random, name: mine, training_steps: 12, wall_time: 3 min}]}]"
 
@@ -86,7 +85,7 @@ def test_the_best_stands_first(tmp_path):
     places = [page.index(name) for name in ("| cheap", "| dear", "| worse", "| *A \\| B* (arXiv 0000.00000)")]
     assert places == sorted(places)
     assert "4 episodes of seed 3" in page
-    assert "| 50.0 % | 98.82 | - | - | - | - | 1,000 | - |" in page
+    assert "| 50.0 % | 98.82 | - | - | - | - | - | - |" in page
 
 
 def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypatch):

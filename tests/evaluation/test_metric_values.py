@@ -10,8 +10,8 @@ import pytest
 
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
 from safe_inspect.evaluation.episodes import _Informed
-from safe_inspect.evaluation.rollouts.measuring import MetricAccumulator, check_metrics
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.measuring import MetricAccumulator, check_metrics
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.metrics import Metric
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.policies import RandomThrust

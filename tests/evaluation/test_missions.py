@@ -15,13 +15,13 @@ import pytest
 
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
+from safe_inspect.evaluation import missions
 from safe_inspect.evaluation.episodes import Episodes, join
-from safe_inspect.evaluation.results.folder import read_evaluation
+from safe_inspect.evaluation.kept import KeptEpisodes
+from safe_inspect.evaluation.missions import LocalFlights, fly_missions, mission_episode
+from safe_inspect.evaluation.results.files import read_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table
-from safe_inspect.evaluation.rollouts import missions
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
-from safe_inspect.evaluation.rollouts.missions import LocalFlights, fly_missions, mission_episode
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES

@@ -21,8 +21,8 @@ from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_r
 from safe_inspect.environments import TeamEnvironment  # noqa: E402
 from safe_inspect.errors import CheckpointError, SafeInspectError  # noqa: E402
 from safe_inspect.evaluation import rollout  # noqa: E402
-from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # noqa: E402
-from safe_inspect.evaluation.policy_files.policy_file import seal  # noqa: E402
+from safe_inspect.evaluation.onnx_policy import load_onnx  # noqa: E402
+from safe_inspect.evaluation.policy_file import seal  # noqa: E402
 
 onnx = pytest.importorskip("onnx")
 
@@ -221,7 +221,7 @@ class TestRefusals:
 def test_a_file_is_flown_without_ray_and_torch(exported):
     code = (
         "import sys, json; from safe_inspect.evaluation import rollout\n"
-        "from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx\n"
+        "from safe_inspect.evaluation.onnx_policy import load_onnx\n"
         f"policy = load_onnx({str(exported['plain'][2])!r})\n"
         "rollout(policy.prepare(policy.task()), policy, 1)\n"
         "print(json.dumps([name for name in ('ray', 'torch', 'onnx') if name in sys.modules]))"
@@ -244,7 +244,7 @@ def test_onnxruntime_writes_nothing_into_the_home_folder(exported, tmp_path):
     assert files["load"] == []
 
 
-LOAD = "from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx\nload_onnx({!r})"
+LOAD = "from safe_inspect.evaluation.onnx_policy import load_onnx\nload_onnx({!r})"
 
 
 def example():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.evaluation.baselines.optimiser import EFFORTS, _flown_plan, _within
+from safe_inspect.evaluation.optimiser import EFFORTS, _flown_plan, _within
 from safe_inspect.planning.record import Burn
 
 

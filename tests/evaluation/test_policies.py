@@ -8,7 +8,7 @@ import pytest
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import BASELINES, baseline, rollout, with_scripted
-from safe_inspect.evaluation.rollouts.dispatch import PolicyDispatcher, assign
+from safe_inspect.evaluation.policies import PolicyDispatcher, assign
 from safe_inspect.policies import NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
 
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
-from safe_inspect.evaluation.results.tables import aligned, evaluation_table, number, pooled_table, span
+from safe_inspect.evaluation.results.tables import aligned, compare, evaluation_table, number, pooled_table, span
 from safe_inspect.metrics.statistics import Interval
 
 from ..recorded import assert_recorded

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.reference import read_reference
+from safe_inspect.evaluation.baselines import read_reference
 
 VALUES = [1.5, None, 3.0, 0.25]
 TASK = {"horizon": 5, "physics": {"mass": 12.0}}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policy_files.shipped import RECORD, shipped_policies, shipped_policy
+from safe_inspect.evaluation.shipped import RECORD, shipped_policies, shipped_policy
 
 pytest.importorskip("onnxruntime", reason="pip install 'safe_inspect[onnx]'")
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.evaluation.results.comparison import compare
 from safe_inspect.evaluation.results.results import Block, Evaluation
-from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
+from safe_inspect.evaluation.results.tables import compare, evaluation_table, pooled_table
 from safe_inspect.metrics.statistics import paired_difference
 
 EPISODES = 41  # no rate lies between two that are shown

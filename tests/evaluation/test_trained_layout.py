@@ -17,8 +17,7 @@ from random_checkpoint import TEAM, discrete, experiment_of, make_module, save_r
 
 from safe_inspect.cli.main import main  # noqa: E402
 from safe_inspect.errors import CheckpointError  # noqa: E402
-from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo  # noqa: E402
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout  # noqa: E402
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout  # noqa: E402
 from safe_inspect.experiments.modules.sources import open_source  # noqa: E402
 from safe_inspect.experiments.settings.policy_info import policy_info  # noqa: E402
 from safe_inspect.glues.base import ActionGlue, ObservationGlue  # noqa: E402

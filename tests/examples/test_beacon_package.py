@@ -122,8 +122,7 @@ def _command(*arguments: str) -> None:
 
 
 def test_it_is_evaluated_compared_and_drawn_with_its_own_columns(load, tmp_path, capsys):
-    from safe_inspect.evaluation.results.folder import read_evaluation
-    from safe_inspect.evaluation.results.trajectory_table import read_trajectories
+    from safe_inspect.evaluation.results.files import read_evaluation, read_trajectories
 
     load()
     folder, figure = tmp_path / "flown", tmp_path / "episode.png"

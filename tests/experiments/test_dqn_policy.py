@@ -13,7 +13,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.facades.flat_actions import from_flat
 from safe_inspect.errors import CheckpointError, ConfigError
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.files.checkpoints import find_newest
 
 CHOICES = [3, 5, 5]

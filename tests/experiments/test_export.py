@@ -13,7 +13,7 @@ from random_checkpoint import LEVELS, TEAM, discrete, experiment_of, make_module
 from safe_inspect.cli.commands.export import add_export_arguments, run_export
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
+from safe_inspect.evaluation.onnx_policy import load_onnx
 from safe_inspect.glues import Normalizer
 from safe_inspect.plugins.registry import registry
 

@@ -101,8 +101,8 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
     import torch
 
     pytest.importorskip("onnx")
-    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
-    from safe_inspect.evaluation.rollouts.rollout import rollout
+    from safe_inspect.evaluation.onnx_policy import load_onnx
+    from safe_inspect.evaluation.rollouts import rollout
     from safe_inspect.experiments.export.export import export_policy
     from safe_inspect.experiments.modules.loaded_policy import load_policy
     from safe_inspect.experiments.modules.policy import trained_policy

@@ -11,7 +11,7 @@ from random_checkpoint import discrete, experiment_of, make_module, scaled, sing
 
 import safe_inspect
 from safe_inspect.errors import ArgumentError, CheckpointError
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -169,7 +169,7 @@ def test_layers_of_a_kind_that_no_file_holds():
 def test_the_documented_step_carries_the_state(exported):
     import onnxruntime
 
-    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
+    from safe_inspect.evaluation.onnx_policy import load_onnx
 
     text = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
     names: dict = {}

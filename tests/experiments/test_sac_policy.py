@@ -9,7 +9,7 @@ import pytest
 from random_checkpoint import experiment_of, save_run
 
 import safe_inspect
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.files.checkpoints import find_newest
 
 

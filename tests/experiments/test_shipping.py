@@ -13,7 +13,7 @@ from random_checkpoint import TEAM, experiment_of, make_module, save_run, single
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.export.model_card import CardData, model_card
 from safe_inspect.outputs import MARKER
 
@@ -79,7 +79,7 @@ def test_its_checkpoint_can_be_exported_again(shelf, tmp_path):
 
 
 def _outputs(path, readings):
-    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
+    from safe_inspect.evaluation.onnx_policy import load_onnx
 
     return load_onnx(path).outputs(readings)
 

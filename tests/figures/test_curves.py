@@ -13,8 +13,8 @@ from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.experiments.files.learning_configuration import learning_configuration
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.experiments.settings.translation import translate_rllib
-from safe_inspect.figures.bands import band, centre_of
-from safe_inspect.figures.curves import curves_figure
+from safe_inspect.figures import learning_curves
+from safe_inspect.figures.learning_curves import _band, _centre_of, curves_figure
 
 HEADER = "iteration,steps,return_mean,success_rate,inspected_fraction,delta_v"
 
@@ -33,7 +33,7 @@ def write_run(folder, rows, seed=None, lr=1e-4):
 def test_the_mean_of_lines_on_other_grids_is_a_line():
     one = np.arange(0.0, 101.0, 10.0)
     other = np.arange(0.0, 101.0, 4.0)
-    found = band([(one, 2.0 * one), (other, 4.0 * other)])
+    found = _band([(one, 2.0 * one), (other, 4.0 * other)])
     np.testing.assert_allclose(found.centre, 3.0 * found.steps)
     np.testing.assert_allclose(found.low, 2.0 * found.steps)  # of two seeds a resample is often twice the same one
     np.testing.assert_allclose(found.high, 4.0 * found.steps)
@@ -42,7 +42,7 @@ def test_the_mean_of_lines_on_other_grids_is_a_line():
 
 def test_past_the_end_of_a_shorter_run_the_others_continue():
     short, long = np.array([0.0, 50.0]), np.array([10.0, 100.0])
-    found = band([(short, np.zeros(2)), (long, np.ones(2))])
+    found = _band([(short, np.zeros(2)), (long, np.ones(2))])
     alone = found.steps > 50.0
     np.testing.assert_allclose(found.centre[alone], 1.0)
     assert np.isnan(found.low[alone]).all()
@@ -55,16 +55,19 @@ def test_past_the_end_of_a_shorter_run_the_others_continue():
 
 def test_the_interquartile_mean_leaves_the_outer_quarters_out():
     values = np.array([[1.0], [2.0], [3.0], [100.0]])
-    assert centre_of(values, "iqm") == pytest.approx(2.5)
-    assert centre_of(values, "mean") == pytest.approx(26.5)
-    assert centre_of(values[:3], "iqm") == pytest.approx(2.0)  # three have no quarter
+    assert _centre_of(values, "iqm") == pytest.approx(2.5)
+    assert _centre_of(values, "mean") == pytest.approx(26.5)
+    assert _centre_of(values[:3], "iqm") == pytest.approx(2.0)  # three have no quarter
 
 
-def test_the_band_covers_the_mean_of_the_population():
+def test_the_band_covers_the_mean_of_the_population(monkeypatch):
     generator = np.random.default_rng(1)
     steps, covered = np.array([0.0, 1.0]), 0
-    for seed in range(200):
-        found = band([(steps, np.full(2, value)) for value in generator.normal(size=20)], points=2, seed=seed)
+    monkeypatch.setattr(learning_curves, "_POINTS", 2)
+    for _ in range(200):
+        found = _band(
+            [(steps, np.full(2, value)) for value in generator.normal(size=20)],
+        )
         covered += bool(found.low[0] <= 0.0 <= found.high[0])
     assert 0.88 <= covered / 200 <= 0.98  # the percentile bootstrap of 20 values is a little narrow
 
@@ -76,7 +79,7 @@ def test_the_band_covers_the_mean_of_the_population():
 )
 def test_the_centre_lies_in_its_band_and_among_the_seeds(runs, centre):
     curves = [(np.arange(len(values), dtype=float), np.array(values)) for values in runs]
-    found = band(curves, centre, points=20, resamples=200)
+    found = _band(curves, centre)
     assert np.isfinite(found.centre).all()
     wide = np.isfinite(found.low)
     np.testing.assert_array_equal(wide, found.curves > 1)
@@ -88,10 +91,10 @@ def test_the_centre_lies_in_its_band_and_among_the_seeds(runs, centre):
 
 def test_values_that_are_not_known_are_left_out():
     steps = np.array([0.0, 10.0, 20.0])
-    found = band([(steps, np.array([np.nan, 1.0, 3.0]))])
+    found = _band([(steps, np.array([np.nan, 1.0, 3.0]))])
     assert found.steps[0] == 10.0
     np.testing.assert_allclose(found.centre, 1.0 + 0.2 * (found.steps - 10.0))
-    assert len(band([(steps, np.full(3, np.nan))]).steps) == 0
+    assert len(_band([(steps, np.full(3, np.nan))]).steps) == 0
 
 
 def test_runs_that_differ_in_their_seed_are_one_recipe(tmp_path):

@@ -9,11 +9,10 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation.rollouts.recording import record_episode
+from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.figures import learning_curve_figure, save, trajectory_figure
-from safe_inspect.figures.chief_figure import reach_of
+from safe_inspect.figures.drawing import reach_of, speed_limit_of
 from safe_inspect.figures.scene import ring_radii
-from safe_inspect.figures.time_panels import safe_speed
 from safe_inspect.policies import ZeroThrust
 
 PNG = b"\x89PNG"
@@ -92,7 +91,7 @@ def test_the_speed_is_drawn_against_its_published_limit(flown):
     np.testing.assert_allclose(lines[0].get_ydata(), np.linalg.norm(flown.velocity[:, 0], axis=-1))
     distance = np.linalg.norm(flown.position[:, 0], axis=-1)
     np.testing.assert_allclose(lines[1].get_ydata(), 0.2 + 2.0 * flown.mean_motion * (distance - 10.0))
-    np.testing.assert_allclose(lines[1].get_ydata(), safe_speed(flown)[:, 0])
+    np.testing.assert_allclose(lines[1].get_ydata(), speed_limit_of(flown)[:, 0])
 
 
 def test_the_thrust_of_each_axis_is_drawn(flown):

@@ -29,7 +29,7 @@ def test_overrides_may_stand_anywhere_and_count(tmp_path, capsys):
 
 def test_the_episode_of_a_number_is_that_of_a_rollout(spec):
     from safe_inspect.evaluation import rollout
-    from safe_inspect.evaluation.rollouts.recording import record_episode
+    from safe_inspect.evaluation.rollouts import record_episode
     from safe_inspect.policies import RandomThrust
 
     among = rollout(spec, RandomThrust(), episodes=4, seed=3, record=4).trajectories[2]
@@ -57,7 +57,7 @@ def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
     from pyarrow import parquet
 
     from safe_inspect.evaluation import rollout
-    from safe_inspect.evaluation.results.trajectory_table import trajectory_table
+    from safe_inspect.evaluation.results.files import trajectory_table
     from safe_inspect.policies import RandomThrust
 
     file = tmp_path / "trajectories.parquet"

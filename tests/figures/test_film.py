@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.figures import film_files
-from safe_inspect.figures.camera import moment
+from safe_inspect.figures import pictures
 from safe_inspect.figures.film import Film
-from safe_inspect.figures.film_files import save_film
+from safe_inspect.figures.film_views import moment
+from safe_inspect.figures.pictures import save_film
 from safe_inspect.geometry.picture import Camera
 
 
@@ -106,7 +106,7 @@ def test_the_pictures_go_to_ffmpeg_one_by_one(film, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor last; do :; done\nexec cat > "$last"\n')
     program.chmod(0o755)
-    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: str(program))
     save_film(film, tmp_path / "a.mp4")
     raw = np.frombuffer((tmp_path / "a.mp4").read_bytes(), dtype=np.uint8).reshape(6, 300, 480, 3)
     np.testing.assert_array_equal(raw[4], film.picture(4))
@@ -116,7 +116,7 @@ def test_what_ffmpeg_says_is_reported(film, tmp_path, monkeypatch):
     program = tmp_path / "ffmpeg"
     program.write_text("#!/bin/sh\necho no such codec >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: str(program))
     with pytest.raises(OutputError, match="ffmpeg says: no such codec"):
         save_film(film, tmp_path / "a.mp4")
 
@@ -125,7 +125,7 @@ def test_a_film_that_is_stopped_ends_ffmpeg_and_leaves_the_former_one(film, tmp_
     program = tmp_path / "ffmpeg"
     program.write_text('#!/bin/sh\nfor last; do :; done\nexec cat > "$last"\n')
     program.chmod(0o755)
-    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: str(program))
     (tmp_path / "a.mp4").write_text("old")
 
     def stop(done, wanted):
@@ -153,7 +153,7 @@ def test_a_full_disk_is_reported_once(film, tmp_path, monkeypatch):
         "#!/bin/sh\necho av_interleaved_write_frame: No space left on device >&2\necho failed >&2\nexit 1\n"
     )
     program.chmod(0o755)
-    monkeypatch.setattr(film_files, "find_ffmpeg", lambda: str(program))
+    monkeypatch.setattr(pictures, "find_ffmpeg", lambda: str(program))
     with pytest.raises(OutputError) as caught:
         save_film(film, tmp_path / "a.mp4")
     reason = "the file cannot be written (No space left on device); free some space, or give another file"

@@ -11,9 +11,9 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.episodes import join
-from safe_inspect.evaluation.results.folder import write_evaluation
+from safe_inspect.evaluation.missions import mission_episode, mission_task
+from safe_inspect.evaluation.results.files import write_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.rollouts.missions import mission_episode, mission_task
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.record import read_mission

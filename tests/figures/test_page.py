@@ -10,10 +10,10 @@ import pytest
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.rollouts.rollout import rollout
-from safe_inspect.figures.camera import moment
+from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.figures.drawing import speed_limit_of
+from safe_inspect.figures.film_views import moment
 from safe_inspect.figures.page import episode_page, save_page
-from safe_inspect.figures.time_panels import safe_speed
 from safe_inspect.policies import RandomThrust
 
 
@@ -76,7 +76,7 @@ def test_the_charts_have_a_value_for_every_state(page, flown_team):
 
 
 def test_speed_above_the_safe_one_is_marked(flown):
-    limit = safe_speed(flown)
+    limit = speed_limit_of(flown)
     above = flown.speed > limit
     assert above.any()
     (speed,) = (item for item in data_of(episode_page(flown))["charts"] if item["label"].startswith("speed"))

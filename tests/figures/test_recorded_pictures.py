@@ -23,14 +23,12 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation.acceptance import acceptance
 from safe_inspect.evaluation.episodes import join
+from safe_inspect.evaluation.missions import mission_episode
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.rollouts.missions import mission_episode
-from safe_inspect.evaluation.rollouts.recording import record_episode
-from safe_inspect.evaluation.rollouts.rollout import rollout
-from safe_inspect.evaluation.safety_report import safety_report
+from safe_inspect.evaluation.rollouts import record_episode, rollout
+from safe_inspect.evaluation.safety_report import acceptance, safety_report
 from safe_inspect.figures import curves_figure, learning_curve_figure, trajectory_figure
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.page import episode_page

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.evaluation.policy_files import shipped
+from safe_inspect.evaluation import shipped
 from safe_inspect.version import __version__
 
 ROOT = Path(__file__).parents[2]

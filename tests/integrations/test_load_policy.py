@@ -9,7 +9,7 @@ import pytest
 
 import safe_inspect
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_files.shipped import shipped_policy
+from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 
 NAME = "translational-inspection"

@@ -13,7 +13,7 @@ from safe_inspect.cli.commands.baseline import add_baseline_arguments, run_basel
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation import baseline, rollout
-from safe_inspect.evaluation.baselines.run import complete
+from safe_inspect.evaluation.baselines import complete
 from safe_inspect.planning.record import Record, read_record
 from safe_inspect.policies.open_loop import OpenLoopPlan
 

@@ -16,12 +16,16 @@ import pytest
 
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.planning.annealing import accepted_cost
-from safe_inspect.planning.burns.evaluation import PlanOutcome, evaluate_plan
-from safe_inspect.planning.burns.following import DeputyRows, PlanRows, follow_plans, rows_to_plan
-from safe_inspect.planning.burns.others import coast_others
-from safe_inspect.planning.burns.problem import BurnProblem, FlightLimits, burn_steps
-from safe_inspect.planning.burns.search import AnnealingEffort, revise_plan, settle
+from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan
+from safe_inspect.planning.burn_problem import (
+    BurnProblem,
+    FlightLimits,
+    PlanOutcome,
+    burn_steps,
+    coast_others,
+    evaluate_plan,
+)
+from safe_inspect.planning.burn_search import AnnealingEffort, accepted_cost, revise_plan, settle
 
 from ..golden.records import check_record
 

@@ -9,8 +9,8 @@ import pytest
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.baselines.task import coverage_problem, coverage_task, thrust_reach
-from safe_inspect.planning.coverage.problem import write_positions
+from safe_inspect.evaluation.optimiser import _thrust_reach, coverage_problem, coverage_task
+from safe_inspect.planning.coverage_problem import write_positions
 from safe_inspect.planning.record import Burn
 from safe_inspect.policies.open_loop import OpenLoopPlan
 
@@ -69,4 +69,4 @@ def test_only_points_that_are_left_after_the_reset_are_asked_for(spec: Environme
 
 
 def test_the_reach_of_a_step_is_thrust_by_time_over_mass(spec: EnvironmentSpec) -> None:
-    np.testing.assert_allclose(thrust_reach(TeamEnvironment(spec, 1)), 10.0 / 12.0)
+    np.testing.assert_allclose(_thrust_reach(TeamEnvironment(spec, 1)), 10.0 / 12.0)

@@ -17,23 +17,25 @@ import pytest
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.geometry.light import binary_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.planning.coverage.descent import (
+from safe_inspect.planning.coverage_problem import (
+    CoverageProblem,
+    control_authorities,
+    impulse_responses,
+    lit_from_all_sides,
+    perturb_burns,
+    random_burn,
+    resample_sightings,
+    write_positions,
+)
+from safe_inspect.planning.coverage_search import SearchEffort, search_plan
+from safe_inspect.planning.descent import (
     MAX_BURNS,
     burns_of,
     choose_sightings,
     descent_workspace,
     least_fuel,
 )
-from safe_inspect.planning.coverage.inverse import invert
-from safe_inspect.planning.coverage.perturbations import perturb_burns, random_burn, resample_sightings
-from safe_inspect.planning.coverage.problem import (
-    CoverageProblem,
-    control_authorities,
-    impulse_responses,
-    write_positions,
-)
-from safe_inspect.planning.coverage.search import SearchEffort, search_plan
-from safe_inspect.planning.visibility import lit_from_all_sides
+from safe_inspect.planning.linear_program import _invert
 from safe_inspect.tasks.inspection.points_model import PointsModel
 
 from ..golden.records import check_record
@@ -174,11 +176,11 @@ def test_the_inverse_is_that_of_numpy(size: int) -> None:
         room, inverse = np.full((10, 10), np.nan), np.full((10, 10), np.nan)
         room[:size, :size] = matrix
         singular = abs(np.linalg.det(matrix)) < 0.5  # whole numbers
-        assert invert(room, inverse, size) != singular
+        assert _invert(room, inverse, size) != singular
         if not singular:
             np.testing.assert_allclose(inverse[:size, :size], np.linalg.inv(matrix), atol=1e-10)
-    assert not invert(np.array([[0.9e-9]]), np.empty((1, 1)), 1)
-    assert invert(np.array([[1.2e-9]]), np.empty((1, 1)), 1)
+    assert not _invert(np.array([[0.9e-9]]), np.empty((1, 1)), 1)
+    assert _invert(np.array([[1.2e-9]]), np.empty((1, 1)), 1)
 
 
 def test_a_point_counts_as_lit_where_it_is_from_above_and_from_below() -> None:

@@ -10,7 +10,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import rollout
-from safe_inspect.evaluation.baselines.optimiser import EFFORTS, optimise
+from safe_inspect.evaluation.optimiser import EFFORTS, optimise
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan

@@ -7,9 +7,8 @@ import pytest
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.baselines.task import coverage_problem, coverage_task
-from safe_inspect.planning.coverage.perturbations import perturb_burns, resample_sightings
-from safe_inspect.planning.coverage.problem import CoverageProblem, write_positions
+from safe_inspect.evaluation.optimiser import coverage_problem, coverage_task
+from safe_inspect.planning.coverage_problem import CoverageProblem, perturb_burns, resample_sightings, write_positions
 
 DRAWS, STRIDE = 4000, 10
 

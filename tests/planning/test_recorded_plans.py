@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation.baselines.flight import fly_slots
-from safe_inspect.evaluation.baselines.optimiser import EFFORTS, optimise
+from safe_inspect.evaluation.optimiser import EFFORTS, optimise
+from safe_inspect.evaluation.rollouts import fly_slots
 from safe_inspect.policies import NaturalMotionInspector
 
 from ..golden.flights import arithmetic

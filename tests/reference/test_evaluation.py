@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from safe_inspect.evaluation.results.folder import read_evaluation
+from safe_inspect.evaluation.results.files import read_evaluation
 from safe_inspect.evaluation.results.tables import pooled_table
 
 from .figures import blocks, bootstrap_bounds, iqm, mean, shows, shows_interval, wilson

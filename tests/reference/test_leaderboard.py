@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from safe_inspect.evaluation.baselines.table import baseline_table
+from safe_inspect.evaluation.baselines import baseline_table
 from safe_inspect.experiments.export.model_card import CardData, model_card
 from safe_inspect.planning.record import read_record
 

@@ -12,7 +12,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError, SafeInspectError
-from safe_inspect.evaluation.baselines.task import coverage_task
+from safe_inspect.evaluation.optimiser import coverage_task
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.simulators.simulator import ComposedSimulator

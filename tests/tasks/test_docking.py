@@ -17,7 +17,7 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.platforms import ApproachVelocitySensor
 from safe_inspect.policies import DockingAutopilot
 from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed

@@ -16,8 +16,8 @@ from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.results.trajectory_table import read_trajectories, trajectory_table
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.results.files import read_trajectories, trajectory_table
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.policies import RandomThrust, ScriptedPolicy, SixDofInspector, ZeroThrust
 
 TASK = "safe_inspect/WeightedSixDofInspection-v0"

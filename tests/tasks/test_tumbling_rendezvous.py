@@ -11,7 +11,7 @@ from safe_inspect.dynamics import quaternion
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 
 TASK = "safe_inspect/TumblingRendezvous-v0"
 COAST = 3  # index of the level 0 N

@@ -11,8 +11,7 @@ from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines.run import OPTIMISER, UnwrittenRecordError, complete
-from safe_inspect.evaluation.baselines.table import baseline_table
+from safe_inspect.evaluation.baselines import OPTIMISER, UnwrittenRecordError, baseline_table, complete
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.task import task_of
 from safe_inspect.planning.record import Record

@@ -19,7 +19,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry

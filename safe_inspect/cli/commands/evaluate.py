@@ -20,19 +20,18 @@ from safe_inspect.cli.common import equals_hint, is_override
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.baselines import read_reference
+from safe_inspect.evaluation.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.policies import BASELINES
-from safe_inspect.evaluation.results.comparison import compare
-from safe_inspect.evaluation.results.folder import (
+from safe_inspect.evaluation.results.files import (
     is_evaluation,
     read_evaluation,
+    sha256,
     write_evaluation,
     write_json,
 )
-from safe_inspect.evaluation.results.hashes import sha256
-from safe_inspect.evaluation.results.reference import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.results.tables import evaluation_table, pooled_table
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes, kept_episodes
+from safe_inspect.evaluation.results.tables import compare, evaluation_table, pooled_table
 from safe_inspect.evaluation.task import read_metrics
 from safe_inspect.experiments.files.run_folder import git_commit
 from safe_inspect.experiments.modules.sources import (

@@ -17,16 +17,16 @@ from safe_inspect.cli.commands.mission_figures import (
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.trajectory_table import read_trajectories
-from safe_inspect.evaluation.rollouts.recording import record_episode
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.evaluation.results.files import read_trajectories
+from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
-from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.film import Film
-from safe_inspect.figures.film_files import find_ffmpeg, save_film
+from safe_inspect.figures.learning_curves import curves_figure
 from safe_inspect.figures.page import episode_page, save_page
+from safe_inspect.figures.pictures import find_ffmpeg, save_film
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 from safe_inspect.outputs import check_ending

@@ -17,17 +17,24 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines.run import OPTIMISER, complete
-from safe_inspect.evaluation.baselines.task import coverage_task
-from safe_inspect.evaluation.leaderboard.board import Board, FlownRow, Leaderboard, read_leaderboard, slug
-from safe_inspect.evaluation.leaderboard.standings import Standing, leaderboard_page
-from safe_inspect.evaluation.policy_files.shipped import shipped_policy
-from safe_inspect.evaluation.results.folder import (
+from safe_inspect.evaluation.baselines import OPTIMISER, complete
+from safe_inspect.evaluation.optimiser import coverage_task
+from safe_inspect.evaluation.results.files import (
     is_evaluation,
     read_evaluation,
     read_evaluation_record,
 )
+from safe_inspect.evaluation.results.leaderboard import (
+    Board,
+    FlownRow,
+    Leaderboard,
+    Standing,
+    leaderboard_page,
+    read_leaderboard,
+    slug,
+)
 from safe_inspect.evaluation.results.results import EvaluationError
+from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.outputs import check_writable, new_file
@@ -185,7 +192,7 @@ def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     assert task is not None, "see `_entries`"
     spec = load_spec(task, entry.overrides)
     about = {"safe_inspect": __version__, "configuration_file": task, "overrides": list(entry.overrides)}
-    asked = Record(OPTIMISER, leaderboard.seed, entry.row.effort, task_of(spec), about)
+    asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(spec), about)
     path.parent.mkdir(parents=True, exist_ok=True)
     bar = EpisodeBar(OPTIMISER, sys.stderr)
     try:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.results.folder import is_evaluation, read_evaluation, read_evaluation_record
+from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, read_evaluation_record
 from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.page import save_page

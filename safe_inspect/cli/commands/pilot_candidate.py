@@ -14,9 +14,9 @@ from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Episodes
+from safe_inspect.evaluation.kept import KeptEpisodes
+from safe_inspect.evaluation.missions import Flights, LocalFlights, fly_missions, mission_task
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.evaluation.rollouts.kept import KeptEpisodes
-from safe_inspect.evaluation.rollouts.missions import Flights, LocalFlights, fly_missions, mission_task
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous, is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.scenario import check_scenario

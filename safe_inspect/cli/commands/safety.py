@@ -11,8 +11,7 @@ from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.acceptance import acceptance
-from safe_inspect.evaluation.safety_report import safety_report
+from safe_inspect.evaluation.safety_report import acceptance, safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
 from safe_inspect.outputs import check_ending

@@ -23,9 +23,8 @@ from safe_inspect.experiments.runs.recipes import recipes_of
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import trial_table
-from safe_inspect.figures.curves import curves_figure
 from safe_inspect.figures.drawing import save
-from safe_inspect.figures.learning_curve import learning_curve_figure
+from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.team import TeamSafety

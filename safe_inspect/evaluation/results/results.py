@@ -12,15 +12,14 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes
-from safe_inspect.evaluation.trajectory import Trajectory
+from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes, Trajectory
 from safe_inspect.metrics.statistics import Estimate, Interval, estimate, wilson
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Prefixes of the names of columns for the whole episode, and for its initial state.
-EPISODE, BEGIN = "episode/", "begin/"
+_EPISODE, _BEGIN = "episode/", "begin/"
 #: The column with the reason why an episode was lost.
-_CAUSE = f"{EPISODE}cause"
+_CAUSE = f"{_EPISODE}cause"
 _AXES = ("x", "y", "z")
 
 
@@ -72,7 +71,7 @@ class Evaluation:
         agents: Figures of every agent by its name.
         units: Unit of every figure by its name.
         initial_states: Initial state of each episode, by column such as ``blue0/x``, each of shape (E,).
-        record: Description of the evaluation, see `safe_inspect.evaluation.results.folder`.
+        record: Description of the evaluation, see `safe_inspect.evaluation.results.files`.
         trajectories: The recorded episodes.
         causes: Why each episode was lost, empty for one that was not, shape (E,); None if no causes are reported.
     """
@@ -164,11 +163,11 @@ class Evaluation:
         missing = np.full(count, np.nan)
         for name in dict.fromkeys(name for agent in agents for name in agent.figures):
             table[name] = own([agent.figures.get(name, missing) for agent in agents])
-        table[f"{EPISODE}status"] = each(self.team.status)
+        table[f"{_EPISODE}status"] = each(self.team.status)
         if self.causes is not None:
             table[_CAUSE] = each(self.causes.astype(object))
-        table |= {f"{EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
-        table |= {f"{BEGIN}{name}": each(values) for name, values in self.initial_states.items()}
+        table |= {f"{_EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
+        table |= {f"{_BEGIN}{name}": each(values) for name, values in self.initial_states.items()}
         return table
 
     @classmethod
@@ -196,7 +195,7 @@ class Evaluation:
             figures = {
                 column: values[place :: len(names)]
                 for column, values in table.items()
-                if not column.startswith((EPISODE, BEGIN)) and column not in ("episode", "agent", "status")
+                if not column.startswith((_EPISODE, _BEGIN)) and column not in ("episode", "agent", "status")
             }
             some = {column: values for column, values in figures.items() if not np.isnan(values).all()}
             agents[name] = Block(table["status"][place :: len(names)], some)
@@ -204,9 +203,9 @@ class Evaluation:
         def starting(start: str) -> dict[str, FloatArray]:
             return {name.removeprefix(start): table[name][first] for name in table if name.startswith(start)}
 
-        team = starting(EPISODE)
-        status, causes = team.pop("status"), team.pop(_CAUSE.removeprefix(EPISODE), None)
-        return cls(label, Block(status, team), agents, units, starting(BEGIN), record, causes=causes)
+        team = starting(_EPISODE)
+        status, causes = team.pop("status"), team.pop(_CAUSE.removeprefix(_EPISODE), None)
+        return cls(label, Block(status, team), agents, units, starting(_BEGIN), record, causes=causes)
 
 
 def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

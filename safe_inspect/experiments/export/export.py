@@ -12,9 +12,8 @@ from typing import Any
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx
-from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo, seal
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.evaluation.onnx_policy import load_onnx
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.experiments.export.encoder_layers import state_sizes
 from safe_inspect.experiments.export.export_check import (
     ExportDifference,

@@ -13,9 +13,9 @@ from ray.rllib.core.columns import Columns
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
+from safe_inspect.evaluation.onnx_policy import OnnxPolicy
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.modules.policy import TrainedPolicy
 from safe_inspect.glues.base import controller_of, sensor_of
 from safe_inspect.glues.coast_glue import CoastGlue

@@ -15,8 +15,8 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_files.policy_file import NEXT_STATE, PolicyInfo
-from safe_inspect.evaluation.policy_files.raw_values import CommandedElement, element_columns
+from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
+from safe_inspect.evaluation.raw_values import CommandedElement, element_columns
 from safe_inspect.experiments.export.encoder_layers import STATE, encoder_layers, lstm_weights
 from safe_inspect.experiments.modules.dqn_policy import BestChoices
 from safe_inspect.types import AnyArray

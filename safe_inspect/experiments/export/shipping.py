@@ -16,7 +16,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.evaluation.policy_files.shipped import (
+from safe_inspect.evaluation.shipped import (
     CARD,
     CHECKPOINT,
     CONFIGURATION,

@@ -20,10 +20,9 @@ from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.policy_files.policy_file import POLICY_FORMAT, PolicyInfo
-from safe_inspect.evaluation.policy_files.raw_values import ObservedElement
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.evaluation.policy_files.trained_layout import difference_of
+from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo, difference_of
+from safe_inspect.evaluation.raw_values import ObservedElement
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.files.checkpoint_folders import newest_checkpoint
 from safe_inspect.experiments.files.checkpoints import policy_folder, weights_path
 from safe_inspect.types import AnyArray

@@ -9,8 +9,7 @@ from typing import Any
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Policy
-from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout
 from safe_inspect.experiments.files.checkpoints import SEAL, policy_folder
 from safe_inspect.experiments.files.weights import read_weights
 

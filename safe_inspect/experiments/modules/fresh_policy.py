@@ -17,7 +17,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies
+from safe_inspect.evaluation.shipped import shipped_policies
 from safe_inspect.experiments.files.weights import INFO, Weights, starting_weights
 from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS, DqnPolicy, choices_of
 from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle

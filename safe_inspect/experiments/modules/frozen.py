@@ -14,7 +14,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policy_files.trained_layout import check_layout
+from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.experiments.files.checkpoints import policy_folder
 from safe_inspect.experiments.files.weights import read_weights
 from safe_inspect.experiments.modules.dqn_policy import CHOICES

@@ -13,7 +13,7 @@ from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, KeywordError, SafeInspectError, did_you_mean
-from safe_inspect.evaluation.policy_files.onnx_policy import OnnxPolicy
+from safe_inspect.evaluation.onnx_policy import OnnxPolicy
 from safe_inspect.experiments.modules.sources import Wanted, is_scripted, open_candidates
 from safe_inspect.types import AnyArray
 

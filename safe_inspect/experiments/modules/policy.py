@@ -15,7 +15,7 @@ from ray.rllib.core.columns import Columns
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
-from safe_inspect.evaluation.policy_files.policy_file import PolicyInfo
+from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.experiments.files.checkpoints import policy_folder
 from safe_inspect.experiments.files.weights import info_of, read_weights
 from safe_inspect.experiments.modules.distributions import distribution_of_module

@@ -20,12 +20,11 @@ from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes
-from safe_inspect.evaluation.policies import BASELINES, baseline
-from safe_inspect.evaluation.policy_files.shipped import shipped_policies, shipped_policy
-from safe_inspect.evaluation.results.hashes import sha256
-from safe_inspect.evaluation.rollouts.dispatch import Policies
-from safe_inspect.evaluation.rollouts.measuring import check_metrics
-from safe_inspect.evaluation.rollouts.rollout import rollout
+from safe_inspect.evaluation.measuring import check_metrics
+from safe_inspect.evaluation.policies import BASELINES, Policies, baseline
+from safe_inspect.evaluation.results.files import sha256
+from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
 from safe_inspect.experiments.files.checkpoints import read_checkpoint
@@ -251,7 +250,7 @@ def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
 
 
 def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
-    from safe_inspect.evaluation.policy_files.onnx_policy import load_onnx  # loads onnxruntime
+    from safe_inspect.evaluation.onnx_policy import load_onnx  # loads onnxruntime
 
     policy = load_onnx(path, wanted.sampled, wanted.seed)
     experiment = wanted.build(policy.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)

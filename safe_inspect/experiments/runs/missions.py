@@ -6,7 +6,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from safe_inspect.evaluation.rollouts.missions import fly_mission
+from safe_inspect.evaluation.missions import fly_mission
 from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment
 from safe_inspect.experiments.settings.translation import translate_ray
 

@@ -1,1 +1,0 @@
-"""Baselines: episodes of scripted policies and of optimised plans, as references for trained policies."""

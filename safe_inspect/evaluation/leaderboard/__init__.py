@@ -1,1 +1,0 @@
-"""Leaderboards: Markdown tables of policies, baselines and published figures of a task."""

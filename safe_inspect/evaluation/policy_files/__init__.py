@@ -1,1 +1,0 @@
-"""Policies that are loaded from files."""

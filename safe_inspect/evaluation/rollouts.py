@@ -1,0 +1,290 @@
+"""`rollout`: runs policies for an exact number of episodes, in batches; and runs of chosen episodes, recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.collector import EpisodeCollector, Recorder
+from safe_inspect.evaluation.episodes import Episodes, Trajectory, join
+from safe_inspect.evaluation.kept import KeptEpisodes
+from safe_inspect.evaluation.measuring import check_metrics
+from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
+from safe_inspect.metrics.base import BaseMetric
+from safe_inspect.planning.record import Entry
+from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Number of rows of the smallest part of a batch; fewer rows do not take less time.
+_LEAST_ROWS = 16
+
+#: Called with the number of finished episodes and the total number, whenever more episodes are finished.
+EpisodeProgress = Callable[[int, int], None]
+
+
+def rollout(
+    spec: EnvironmentSpec,
+    policies: Policies,
+    episodes: int = 100,
+    seed: int = 0,
+    num_envs: int = 512,
+    *,
+    record: int = 0,
+    metrics: Sequence[BaseMetric] = (),
+    progress: EpisodeProgress | None = None,
+    kept: KeptEpisodes | None = None,
+) -> Episodes:
+    """Run policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
+
+    The episodes and their figures depend neither on `num_envs` nor on the lengths of the episodes, if the policies
+    treat every row in the same way. The adaptive scale of the delta-v reward has its initial value in every episode.
+
+    Args:
+        spec: The task. Its agents with a scripted policy need no other policy.
+        policies: A function from observations (R, O) to actions (R, A), see `safe_inspect.evaluation.policies.Policy`;
+            or a scripted policy, which runs inside the environment. Either one policy for all controlled agents, or a
+            mapping from the name of each agent to its policy.
+        episodes: Number of episodes.
+        seed: Seed of the run.
+        num_envs: Number of episodes that run at the same time.
+        record: How many of the first episodes are recorded in `Episodes.trajectories`.
+        metrics: Metrics that are measured in every episode in addition to the standard figures.
+        progress: Called with (finished episodes, `episodes`).
+        kept: The batches of an earlier call with the same arguments, which are not run again; new ones are added.
+
+    Raises:
+        SafeInspectError: An agent has no policy, a policy has no agent, or one policy controls agents that differ; a
+            metric refers to something that the task does not have.
+        PluginValueError: A metric returned infinity, or an array of a wrong shape.
+        ValueError: A number is out of range, or a policy's actions have a wrong shape.
+    """
+    if episodes < 1 or num_envs < 1 or record < 0:
+        raise ValueError(
+            f"`episodes` ({episodes}) and `num_envs` ({num_envs}) must be at least 1, `record` ({record}) at least 0"
+        )
+    spec, flying = assign(spec, policies)
+    check_metrics(spec, metrics)
+    parts: list[Episodes] = []
+    for first in range(0, episodes, num_envs):
+        count = min(num_envs, episodes - first)
+        known = None if kept is None else kept.get(first, count)
+        if known is not None:
+            parts.append(known)
+            continue
+        environment = TeamEnvironment(spec, count, seed=seed, first_slot=first)
+        _check_labels(environment, metrics)
+        recorded = min(max(record - first, 0), environment.num_envs)
+
+        def finished(count: int, before: int = first) -> None:
+            if progress is not None:
+                progress(before + count, episodes)
+
+        collector, trajectories = _fly_batch(environment, flying, metrics, first, recorded, finished)
+        parts.append(collector.episodes(seed, trajectories))
+        if kept is not None:
+            kept.add(first, parts[-1])
+    return join(parts)
+
+
+def _fly_batch(
+    environment: TeamEnvironment,
+    flying: Mapping[str, Policy],
+    metrics: Sequence[BaseMetric] = (),
+    first_slot: int = 0,
+    recorded: int = 0,
+    finished: Callable[[int], None] | None = None,
+) -> tuple[EpisodeCollector, list[Trajectory]]:
+    """Run one episode in every row of a batch.
+
+    If every policy has a method `decide`, only the rows whose action is used next are observed, and rows that have
+    ended are dropped whenever half of them have ended, unless episodes are recorded. Otherwise a row that has ended
+    continues to coast, ignored, until the last row has ended.
+
+    Args:
+        environment: The batch; it is reset first.
+        flying: The policy of each controlled agent, by the agent's name.
+        metrics: Metrics that are measured in addition.
+        first_slot: Global index of the environment slot of the first row.
+        recorded: How many of the first rows are recorded.
+        finished: Called with the number of finished episodes whenever it has grown.
+    """
+    observations = environment.reset()
+    dispatcher = PolicyDispatcher(environment, flying, first_slot)
+    collector, recorder = EpisodeCollector(environment, metrics), Recorder(environment, recorded, first_slot)
+    flying_rows, step = _FlyingRows(environment), 0
+    environment.observes_coasting = not dispatcher.selective
+    while collector.running.any():
+        part, rows, running = flying_rows.part, flying_rows.rows, collector.running[flying_rows.rows]
+        if dispatcher.selective:
+            asked = [due & running[:, None] for due in part.due()]
+            actions = dispatcher.decide(observations, asked, rows, step)
+        else:
+            actions = dispatcher(observations, running)
+        transition = part.step(actions)
+        step += 1
+        observations = tuple(
+            found.observation
+            for group, found in zip(environment.groups, transition.groups, strict=True)
+            if not group.scripted
+        )
+        recorder.keep()
+        if not collector.add(transition):
+            continue
+        if finished is not None:
+            finished(environment.num_envs - int(collector.running.sum()))
+        if dispatcher.selective and not recorded:
+            chosen = flying_rows.leave_behind(collector.running)
+            if chosen is not None:
+                collector.go_on(flying_rows.part, chosen)
+                observations = tuple(array[chosen] for array in observations)
+    return collector, recorder.trajectories(collector.length, collector.status)
+
+
+class _FlyingRows:
+    """The environments of a batch that are stepped: all at first, and a smaller batch after half of them have ended.
+
+    Args:
+        whole: The batch.
+
+    Attributes:
+        part: The batch that is stepped, R environments.
+        rows: Their indices in the whole batch, shape (R,).
+    """
+
+    def __init__(self, whole: TeamEnvironment) -> None:
+        self._whole, self.part = whole, whole
+        self.rows: IntArray = np.arange(whole.num_envs)
+        self._members = self.rows
+
+    def leave_behind(self, running: BoolArray) -> IntArray | None:
+        """Continue in a smaller batch if half of the environments have ended, and return the environments in it.
+
+        Args:
+            running: Mask of the environments of the whole batch whose episode is running, shape (N,).
+
+        Returns:
+            Indices, among the environments stepped before, of those that are stepped from now on, shape (R,): all that
+                are running, and some that fill the batch. None if nothing changes.
+        """
+        runs = running[self.rows]
+        count, size = int(np.count_nonzero(runs)), _LEAST_ROWS
+        while size < count:
+            size *= 2
+        if not count or size >= len(self.rows) or not self._whole.simulation.divisible:
+            return None
+        chosen = np.concatenate((np.flatnonzero(runs), np.flatnonzero(~runs)[: size - count]))
+        paused = self.part.simulation.pause(chosen)
+        if self.part is not self._whole:
+            self.part.simulation.leave(self._whole.simulation, self._members)
+        self.part, self.rows = self._whole.part(size), self.rows[chosen]
+        self._members = self.rows[:count]
+        self.part.simulation.enter(self._whole.simulation, paused, self.rows)
+        return chosen
+
+
+def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
+    """Raise an error if a metric of another package has the label of a figure that a component of the task reports."""
+    components = environment.simulation.components.values()
+    known = {label for component in components for label, _ in component.figures.values()}
+    for metric in metrics:
+        if metric.label in known and not type(metric).__module__.startswith("safe_inspect."):
+            raise SafeInspectError(f"the task already has a figure {metric.label!r}; give the metric another label")
+
+
+def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
+    """Return the episode that `rollout` with this seed runs in the environment slot `episode`.
+
+    Args:
+        spec: The task.
+        policies: The policies; see `rollout`.
+        episode: Number of the episode, from 0.
+        seed: Seed of the run.
+
+    Raises:
+        SafeInspectError: An agent has no policy, a policy has no agent, or one policy controls agents that differ.
+    """
+    spec, flying = assign(spec, policies)
+    environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)
+    return _fly_batch(environment, flying, first_slot=episode, recorded=1)[1][0]
+
+
+@dataclass(frozen=True, eq=False)
+class FlownSlots:
+    """Recorded episodes of E environment slots.
+
+    Attributes:
+        key: Random key of each episode, uint64, shape (E,).
+        success: Whether each episode was won, shape (E,).
+        delta_v: Velocity change spent, mean over the deputies [m/s], shape (E,).
+        steps: Number of steps, shape (E,).
+        inspected: Number of points inspected, shape (E,).
+        trajectories: The episodes.
+    """
+
+    key: IntArray
+    success: BoolArray
+    delta_v: FloatArray
+    steps: IntArray
+    inspected: IntArray
+    trajectories: list[Trajectory]
+
+    def entry(self, row: int, **more: Any) -> Entry:
+        """Return the entry of one episode for the record of a baseline.
+
+        Args:
+            row: Row of the episode.
+            more: Fields that only plans have.
+        """
+        return Entry(
+            key=int(self.key[row]),
+            success=bool(self.success[row]),
+            delta_v=float(self.delta_v[row]),
+            steps=int(self.steps[row]),
+            inspected=int(self.inspected[row]),
+            burns=_count_burns(self.trajectories[row]),
+            **more,
+        )
+
+
+def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int) -> FlownSlots:
+    """Run the first episode of each of some slots, as `rollout` does.
+
+    Args:
+        spec: The task.
+        policy: The policy of all deputies.
+        episodes: Number of slots, E.
+        seed: Seed of the run.
+        first_slot: The first slot.
+    """
+    scripted = with_scripted(spec, policy)
+    environment = TeamEnvironment(scripted, episodes, seed=seed, first_slot=first_slot)
+    collector, trajectories = _fly_batch(environment, {}, (), first_slot, episodes)
+    found = collector.episodes(seed, trajectories)
+    return FlownSlots(
+        key=environment.state.key.copy(),
+        success=found.success,
+        delta_v=found.delta_v,
+        steps=found.length,
+        inspected=found.inspected_count,
+        trajectories=trajectories,
+    )
+
+
+def _count_burns(trajectory: Trajectory) -> float:
+    """Return the number of burns, mean over the deputies; a burn is a run of steps with constant, nonzero thrust."""
+    control = trajectory.control[..., :3]
+    before = np.concatenate((np.zeros_like(control[:1]), control[:-1]))
+    begins = (control != before).any(axis=-1) & control.any(axis=-1)
+    return float(begins.sum() / control.shape[1])
+
+
+def sighting_steps(trajectory: Trajectory) -> IntArray:
+    """Return the step after which each point was inspected, -1 for never, shape (P,)."""
+    steps = np.searchsorted(trajectory.time, trajectory.inspected_at)
+    return np.where(np.isfinite(trajectory.inspected_at), steps, -1)

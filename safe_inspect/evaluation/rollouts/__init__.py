@@ -1,1 +1,0 @@
-"""Rollouts: running episodes and recording them."""
