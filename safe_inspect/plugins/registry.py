@@ -23,6 +23,9 @@ from safe_inspect.plugins.aliases import ALIASES
 
 ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
+#: What to do about a module that does not exist.
+_NO_MODULE = "correct the name, install the module, or start the command in the folder that contains it"
+
 #: The modules that define the built-in plugins. They are imported at the first look-up.
 BUILT_IN = (
     "safe_inspect.dynamics",
@@ -91,7 +94,9 @@ class Registry:
             return known[name]
         head, dot, tail = name.rpartition(".")
         if not dot:
-            raise RegistryError(f"unknown {kind} {name!r}; {self._suggest(kind, name)}")
+            own = f"write a class of your own with its module, as `my_module.{name}`; " if name[:1].isupper() else ""
+            hint = self._suggest(kind, name)
+            raise RegistryError(f"unknown {kind} {name!r}; {own if hint.startswith('known') else ''}{hint}")
         if head.split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
             raise RegistryError(
                 f"{name!r} is a path of safe-autonomy-sims or CoRL without a matching {kind} in this package; "
@@ -100,7 +105,9 @@ class Registry:
         return self._import(kind, name, head, tail)
 
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
-        loaded = import_user_module(module, f" for {kind} {name!r}; {self._suggest(kind, attribute)}")
+        hint = self._suggest(kind, attribute)
+        hint = _NO_MODULE if hint.startswith("known") else hint  # all names of a kind do not help to find a module
+        loaded = import_user_module(module, f" for {kind} {name!r}; {hint}")
         cls: Any = getattr(loaded, attribute, None)
         if cls is None:
             raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
@@ -161,7 +168,7 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise RegistryError(f"no module {name!r}{wanted or '; install it or correct the name'}") from None
+            raise RegistryError(f"no module {name!r}{wanted or f'; {_NO_MODULE}'}") from None
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error

@@ -86,7 +86,8 @@ class View:
         """Return a value that a component of the task provides, such as ``sun_direction``."""
         offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
         if name not in offered:
-            raise missing("view", name, offered)
+            always = [known for known in dir(View) if not known.startswith("_")]
+            raise missing("view", name, offered, always)
         return offered[name](self)
 
     @property

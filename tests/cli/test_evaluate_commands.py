@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -259,7 +260,7 @@ def test_an_evaluation_that_fails_leaves_nothing(typed, here, monkeypatch):
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),
         (("random", "--json", "file.txt/figures.json"), "file.txt/figures.json: the file cannot be written"),
         (("random", "--json", "folder"), "folder: the file cannot be written (it is a folder)"),
-        (("./checkpoint_000001",), "./checkpoint_000001: there is no such checkpoint or ONNX file"),
+        (("./checkpoint_000001",), "there is no such checkpoint or ONNX file; give the folder of a run"),
         (("folder",), "neither a checkpoint nor the folder of a training run"),
         (("file.txt",), "this file is not a policy"),
         (("none.onnx",), "none.onnx"),
@@ -476,3 +477,13 @@ def test_the_bar_on_a_terminal(capsys, monkeypatch):
     shown = capsys.readouterr().err
     assert f"zero-thrust  [{'#' * 40}] 100 %" in shown
     assert shown.endswith("\r\x1b[K")
+
+
+def test_a_missing_run_is_answered_with_the_newest_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for age, name in enumerate(("fourth", "third", "second", "first")):
+        Path("output", name).mkdir(parents=True)
+        Path("output", name, "run.json").write_text("{}")
+        os.utime(Path("output", name), (age, age))
+    assert main(["evaluate", "output/RUN"]) == 2
+    assert "the newest runs there are `output/first`, `output/second`, `output/third`\n" in capsys.readouterr().err

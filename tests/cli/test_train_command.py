@@ -44,6 +44,8 @@ def test_a_training_ends_with_its_lines(here: Path, changes: dict[str, Any], lin
     folder = here / "a run"
     shown = train._closing(result_of(folder, **changes)).splitlines()
     more = [f"TensorBoard: tensorboard --logdir '{folder}'"]
+    if "checkpoint" in changes:
+        more.insert(0, f"evaluate:    safe-inspect evaluate '{folder}'")
     if changes.get("interrupted"):
         more.append(f"continue:    python -m safe_inspect.train_rl --resume '{folder}'")
     assert shown == [*lines, *more]

@@ -94,6 +94,8 @@ def test_one_name_may_mean_two_kinds() -> None:
         ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
         ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
+        ("reward", "no_such_package.MyReward", "install the module, or start the command in the folder that"),
+        ("reward", "MyReward", "unknown reward 'MyReward'; write .* with its module, as `my_module.MyReward`; known: "),
         ("reward", "math.sqrt", "'math.sqrt' is not a plugin; a reward must be a subclass of safe_inspect.rewards.R"),
         ("reward", "safe_autonomy_sims.rewards.cwh.docking.DockingReward", "a path of safe-autonomy-sims"),
         ("reward", "corl.dones.episode_length_done.EpisodeLengthDone", "is a done; expected a reward here|unknown"),
@@ -168,9 +170,7 @@ def test_an_abstract_class_is_not_a_plugin_to_name() -> None:
 def test_a_class_that_lacks_a_method_is_refused_with_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "from safe_inspect.rewards import Reward\n\n\nclass IdleReward(Reward):\n    pass\n"
     write_module(tmp_path, monkeypatch, "ground_idle_module", text)
-    with pytest.raises(
-        RegistryError, match=r"'ground_idle_module.IdleReward' is an abstract class; give it `__call__`"
-    ):
+    with pytest.raises(RegistryError, match=r"'ground_idle_module.IdleReward' is an abstract class; define `__call__`"):
         registry.get("reward", "ground_idle_module.IdleReward")
 
 

@@ -134,12 +134,14 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
 
     Args:
         kind: If given, only plugins of this kind.
-        name: If given, only the plugin with this name.
+        name: If given, only the plugin with this name, or the class of your own at this dotted path.
 
     Raises:
         RegistryError: There is no such kind or name.
     """
     kinds = registry.kinds()
+    if kind in kinds and name is not None and "." in name:
+        name = registry.get(kind, name).registered_name
     if kind is not None and kind not in kinds:
         raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, [*kinds, 'tasks', 'policies'])}")
     blocks = []

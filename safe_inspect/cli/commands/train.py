@@ -162,6 +162,8 @@ def _closing(result: Any) -> str:
     drawn = _draw_curve(result.folder)
     if drawn:
         lines.append(f"curves:      {drawn}")
+    if result.checkpoint is not None and not result.trials:
+        lines.append(f"evaluate:    safe-inspect evaluate {shlex.quote(str(result.folder))}")
     lines.append(f"TensorBoard: tensorboard --logdir {shlex.quote(str(result.folder))}")
     if result.interrupted:
         lines.append(f"continue:    python -m safe_inspect.train_rl --resume {shlex.quote(str(result.folder))}")

@@ -218,12 +218,24 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     if os.path.exists(path):
         raise SafeInspectError(f"{text}: this file is not a policy; give the folder of a checkpoint or an ONNX file")
     if os.sep in text:
-        raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file")
+        raise SafeInspectError(f"{text}: there is no such checkpoint or ONNX file; {_near(path)}")
     known = {*BASELINES, *(registered for registered, _ in registry.items("policy")), *shipped_policies()}
     raise SafeInspectError(
         f"no policy {text!r}: it is neither a checkpoint's folder nor an ONNX file nor the name of one; "
         f"{did_you_mean(text, known)}"
     )
+
+
+def _near(path: Path) -> str:
+    """Return a hint with the newest run folders next to a missing one."""
+    try:
+        runs = [each.parent for each in path.parent.glob("*/run.json")]
+        newest = sorted(runs, key=os.path.getmtime, reverse=True)[:3]
+    except OSError:
+        newest = []
+    if newest:
+        return "the newest runs there are " + ", ".join(f"`{each}`" for each in newest)
+    return "give the folder of a run or of a checkpoint, an ONNX file, or a name from `safe-inspect list policies`"
 
 
 def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
