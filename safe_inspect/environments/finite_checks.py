@@ -41,7 +41,8 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
         PluginValueError: The array does not have the expected shape.
     """
     if value.shape != shape:
-        raise PluginValueError(f"{what} gave an array of shape {value.shape}; expected shape {shape}")
+        meant = "one entry for each row of the batch"
+        raise PluginValueError(f"{what} gave an array of shape {value.shape}; expected shape {shape}, {meant}")
 
 
 def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -> None:

@@ -48,7 +48,8 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
             plugin = _innermost(error)[0] if isinstance(error, MissingNameError) and error.name else None
             if plugin is None:
                 raise
-            raise MissingNameError(f"the {plugin.kind} {plugin.registered_name} does not fit: {error}") from error
+            what = f"the {plugin.kind} {plugin.registered_name} reads a missing value"
+            raise MissingNameError(f"{what}: {error}") from error
         except BaseException as error:
             if isinstance(error, Interrupted):  # raised by a signal handler, at any place
                 raise

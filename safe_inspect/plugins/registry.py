@@ -23,6 +23,9 @@ from safe_inspect.plugins.aliases import ALIASES
 
 ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
+#: What to do about a module that does not exist.
+_NO_MODULE = "correct the name, install the module, or start the command in the folder that contains it"
+
 #: The modules that define the built-in plugins. They are imported at the first look-up.
 BUILT_IN = (
     "safe_inspect.dynamics",
@@ -175,7 +178,7 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise RegistryError(f"no module {name!r}{wanted or '; install it or correct the name'}") from None
+            raise RegistryError(f"no module {name!r}{wanted or f'; {_NO_MODULE}'}") from None
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error

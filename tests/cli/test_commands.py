@@ -124,6 +124,7 @@ def test_list_of_a_kind_and_of_a_name(typed):
     assert all(name in out for name in REWARDS)
     assert "CrashDoneFunction" not in out
     code, out, _ = typed("list", "reward", "InspectionRTAReward")
+    assert typed("list", "reward", "safe_inspect.rewards.InspectionRTAReward")[1] == out
     assert code == 0
     assert "scale = -0.01  Reward for an intervention" in out
     assert "ObservedPointsReward" not in out
@@ -135,6 +136,7 @@ def test_list_of_a_kind_and_of_a_name(typed):
         (("rewrad",), ["unknown kind 'rewrad'", "did you mean `reward`?"]),
         (("reward", "InspectionRTARewrd"), ["'InspectionRTARewrd'", "did you mean `InspectionRTAReward`?"]),
         (("reward", "CrashDoneFunction"), ["unknown plugin 'CrashDoneFunction'"]),
+        (("reward", "no_such_module.MyReward"), ["no module 'no_such_module'"]),
     ],
 )
 def test_list_of_what_is_not_there(typed, words, shown):

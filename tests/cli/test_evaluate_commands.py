@@ -496,3 +496,13 @@ def test_the_bar_on_a_terminal(capsys, monkeypatch):
     shown = capsys.readouterr().err
     assert f"zero-thrust  [{'#' * 40}] 100 %" in shown
     assert shown.endswith("\r\x1b[K")
+
+
+def test_a_missing_run_is_answered_with_the_newest_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for age, name in enumerate(("fourth", "third", "second", "first")):
+        Path("output", name).mkdir(parents=True)
+        Path("output", name, "run.json").write_text("{}")
+        os.utime(Path("output", name), (age, age))
+    assert main(["evaluate", "output/RUN"]) == 2
+    assert "the newest runs there are `output/first`, `output/second`, `output/third`\n" in capsys.readouterr().err

@@ -89,7 +89,8 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
     needs = "is not a class of callbacks; derive it from ray.rllib's RLlibCallback"
     assert shown == [
         f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
-        "rllib_configs.callbacks: no module 'no_such_module'; install it or correct the name",
+        "rllib_configs.callbacks: no module 'no_such_module'; correct the name, install the module, or start the "
+        "command in the folder that contains it",
         f"rllib_configs.callbacks: '{__name__}.nothing' {needs}",
     ]
 

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM, SUN
 from safe_inspect.rta.constraints.chief_collision import ChiefCollision
@@ -88,8 +87,8 @@ class BackupFilter(SafetyFilter):
                 further.append(constraint)
             else:
                 raise ValueError(
-                    f"the backup filter cannot enforce {name!r}; {did_you_mean(name, NAMES)} (other constraints must "
-                    f"define `half_space` for this filter, or are only for the continuous filter)"
+                    f"the backup filter cannot enforce {name!r}, which does not define `half_space`; define "
+                    "it (docs/safety.md#a-constraint-of-your-own) or use `method: continuous`, which needs `evaluate`"
                 )
         if len(further) > _MOST_FURTHER:
             raise ValueError(
