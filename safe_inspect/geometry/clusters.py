@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
-from safe_inspect.random.integers import pick_below
+from safe_inspect.random.splitmix import pick_below
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["Clusters", "KMeansRule", "RowDraws", "cluster", "cluster_sklearn", "start_centres"]

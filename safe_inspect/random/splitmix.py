@@ -27,3 +27,12 @@ def next_uniform(state: SplitMixState) -> float:
     """Return the next uniform number in [0, 1) of a generator, and update its state."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
     return float(mix(state[0]) >> np.uint64(11)) * 2.0**-53
+
+
+@njit
+def pick_below(key: np.uint64, step: int, pick: int, below: int) -> np.int64:
+    """Return a whole number in [0, below), a pure function of key, step and pick."""
+    weyl = np.uint64(0x9E3779B97F4A7C15)
+    word = mix(key + weyl * np.uint64(step + 1))
+    word = mix(word + weyl * np.uint64(pick + 1))
+    return np.int64(word % np.uint64(below))

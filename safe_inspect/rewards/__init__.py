@@ -1,7 +1,6 @@
 """Reward functors. Importing the package registers them."""
 
 from safe_inspect.rewards.base import Reward
-from safe_inspect.rewards.crash import InspectionCrashReward
 from safe_inspect.rewards.delta_v import DockingDeltaVReward, InspectionDeltaVReward
 from safe_inspect.rewards.docking import (
     DockingDistanceExponentialChangeReward,
@@ -12,7 +11,7 @@ from safe_inspect.rewards.docking import (
 from safe_inspect.rewards.mating import ContactReward, MatingProgressReward, MatingSuccessReward
 from safe_inspect.rewards.pointing import GaussianDecayFromTargetValue
 from safe_inspect.rewards.points import InspectionSuccessReward, ObservedPointsReward, SafeInspectionSuccessReward
-from safe_inspect.rewards.rta import InspectionRTAReward
+from safe_inspect.rewards.safety import InspectionCrashReward, InspectionRTAReward
 from safe_inspect.rewards.timely import LiveTimestepReward, WinLoseDoneReward
 
 __all__ = [

@@ -85,7 +85,7 @@ def test_margins_grow_with_thrust_and_with_each_bound(run):
 
 
 def test_bounds_that_leave_no_set_are_refused():
-    with pytest.raises(ValueError, match=r"`disturbance` exceed the margin of the speed"):
+    with pytest.raises(ValueError, match=r"`disturbance` leave nothing of the speed"):
         TubeFilter(None, ("rel_vel", "z_vel"), DisturbanceBounds(velocity_error=2.0))
     with pytest.raises(ValueError, match=r"leave nothing of the 790 m between"):
         TubeFilter(None, NAMES, DisturbanceBounds(position_error=400.0))

@@ -139,8 +139,6 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
         RegistryError: There is no such kind or name.
     """
     kinds = registry.kinds()
-    if kind in kinds and name is not None and "." in name:
-        name = registry.get(kind, name).registered_name
     if kind is not None and kind not in kinds:
         raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, [*kinds, 'tasks', 'policies'])}")
     if kind is not None and name is not None and "." in name and name not in dict(registry.items(kind)):

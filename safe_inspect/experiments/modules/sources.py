@@ -233,18 +233,6 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
     )
 
 
-def _near(path: Path) -> str:
-    """Return a hint with the newest run folders next to a missing one."""
-    try:
-        runs = [each.parent for each in path.parent.glob("*/run.json")]
-        newest = sorted(runs, key=os.path.getmtime, reverse=True)[:3]
-    except OSError:
-        newest = []
-    if newest:
-        return "the newest runs there are " + ", ".join(f"`{each}`" for each in newest)
-    return "give the folder of a run or of a checkpoint, an ONNX file, or a name from `safe-inspect list policies`"
-
-
 def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
     read_checkpoint(folder)
     configuration = configuration_of(folder)

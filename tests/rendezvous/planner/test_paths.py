@@ -54,9 +54,9 @@ def test_the_bounds_of_a_sampled_path_hold_between_its_samples(seed):
 @pytest.mark.parametrize(
     ("times", "rows", "message"),
     [
-        ([0.0], 1, "ascend"),
+        ([0.0], 1, "start at 0 s and increase"),
         ([0.1, 1.0], 2, "start at 0 s and increase"),
-        ([0.0, 1.0, 1.0], 3, "ascend"),
+        ([0.0, 1.0, 1.0], 3, "start at 0 s and increase"),
         ([0.0, 1.0], 3, "shape"),
     ],
 )
