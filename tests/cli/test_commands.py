@@ -124,7 +124,6 @@ def test_list_of_a_kind_and_of_a_name(typed):
     assert all(name in out for name in REWARDS)
     assert "CrashDoneFunction" not in out
     code, out, _ = typed("list", "reward", "InspectionRTAReward")
-    assert typed("list", "reward", "safe_inspect.rewards.InspectionRTAReward")[1] == out
     assert code == 0
     assert "scale = -0.01  Reward for an intervention" in out
     assert "ObservedPointsReward" not in out

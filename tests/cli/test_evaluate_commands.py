@@ -442,8 +442,8 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         assert "evaluate both with the same --seed, --episodes and --cfg" in err
     assert "`compare` needs two or more sources" in typed("compare", first)[2]
     both = (evaluations / "random", evaluations / "zero-thrust")
-    assert "--seed 77: the seed of" in typed("compare", *both, "--seed", "77")[2]
-    assert "--episodes 77: the episodes of" in typed("compare", *both, "--episodes", "77")[2]
+    assert "has --seed 0 and is not evaluated again" in typed("compare", *both, "--seed", "77")[2]
+    assert "has --episodes 6 and is not evaluated again" in typed("compare", *both, "--episodes", "77")[2]
     for option, words in (("--metric", ("--metric", "DeltaV")), ("KEY=VALUE", ("horizon=3",))):
         assert f"{option} has no effect, as all sources are evaluations already" in typed("compare", *both, *words)[2]
     assert "no policy 'nobody'" in typed("compare", first, "nobody")[2]
@@ -498,11 +498,11 @@ def test_the_bar_on_a_terminal(capsys, monkeypatch):
     assert shown.endswith("\r\x1b[K")
 
 
-def test_a_missing_run_is_answered_with_the_newest_runs(tmp_path, monkeypatch, capsys):
+def test_a_missing_run_is_answered_with_the_newest_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for age, name in enumerate(("fourth", "third", "second", "first")):
         Path("output", name).mkdir(parents=True)
         Path("output", name, "run.json").write_text("{}")
         os.utime(Path("output", name), (age, age))
     assert main(["evaluate", "output/RUN"]) == 2
-    assert "the newest runs there are `output/first`, `output/second`, `output/third`\n" in capsys.readouterr().err
+    assert "the newest run there is output/first\n" in capsys.readouterr().err

@@ -6,7 +6,10 @@ from safe_inspect.simulators.missing import missing
 
 
 def test_a_name_that_every_task_provides_is_suggested_but_not_listed() -> None:
-    error = missing("view", "positions", ["points"], ["position"])
+    class View:
+        position = 0.0
+
+    error = missing("view", "positions", ["points"], View())
     assert str(error) == "the view of this task has no 'positions'; did you mean `position`?"
-    assert str(missing("view", "target", ["points"], ["position"])).endswith("no 'target'; known: `points`")
-    assert str(missing("view", "target", [], ["position"])).endswith("no 'target'; there is none")
+    assert str(missing("view", "target", ["points"], View())).endswith("no 'target'; known: `points`")
+    assert str(missing("view", "target", [], View())).endswith("no 'target'; there is none")
