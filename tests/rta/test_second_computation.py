@@ -123,7 +123,9 @@ def closed_motion_is_certified_by_its_ends(generator: np.random.Generator) -> bo
     assert not uncertain(CONE, cell, Margins(least - 1e-3, 0.0, 0.0))
     assert uncertain(CONE, cell, Margins(least + 1e-3, 0.0, 0.0))
     assert not uncertain(CONE._replace(on=False), cell, Margins(1e9, 0.0, 0.0))
-    return bool(min(low) - k * (3.0 * rho + cell.farthest) < least < min(low) - 0.05)
+    crude = min(low) - k * (3.0 * rho + cell.farthest)
+    assert not uncertain(CONE, cell, Margins(min(crude, least) - 1e-3, 0.0, 0.0))
+    return bool(crude < least < min(low) - 0.05)
 
 
 def test_where_the_middle_of_a_cell_is_on_the_axis_the_normal_towards_z_is_used() -> None:
