@@ -1,4 +1,4 @@
-"""Initial states that are not finite are refused, in each of their numbers; and settings of audits fill their ranges."""
+"""Initial states that are not finite are refused, in each of their numbers; settings of audits fill their ranges."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_one_number_that_is_not_finite_refuses_its_row_only(field: str, wrong: f
 
 @pytest.mark.parametrize("field", ["position", "velocity", "sun_angle"])
 def test_one_number_that_is_not_finite_refuses_its_team_only(field: str) -> None:
-    places = np.stack((POSITION, -POSITION, POSITION + [0.0, 40.0, 0.0]))
+    places = np.stack((POSITION, -POSITION, 2.0 * POSITION))
     states = {"position": np.tile(places, (3, 1, 1)), "velocity": np.zeros((3, 3, 3)), "sun_angle": np.full(3, SUN)}
     plugin = RTACWHInspectionTeam(constraints=("chief_collision", "r_max", "deputy_collision"))
     np.testing.assert_array_equal(plugin.refusals(states)["recoverable"], False)
