@@ -15,9 +15,10 @@ _SILENCE = 10.0
 
 
 class EpisodeBar:
-    """Progress of long work: a bar on a terminal, as for a training, otherwise a line every ten seconds.
+    """Progress of long work: a bar on a terminal, as for a training, otherwise lines of text.
 
-    The estimate of the remaining time excludes compilation.
+    Lines are printed when nothing is done yet and every ten seconds. The estimate of the remaining time excludes
+    compilation.
 
     Args:
         label: Text before the bar.
@@ -38,7 +39,7 @@ class EpisodeBar:
         """Update the bar."""
         self.done = done
         now = time.monotonic()
-        if not self._terminal and now - self._told < _SILENCE:
+        if not self._terminal and done and now - self._told < _SILENCE:
             return
         share, passed = done / wanted, now - self._begun - (compiling_seconds() - self._compiled)
         left = clock_text(passed * (1.0 - share) / share if share else math.inf)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -197,6 +198,10 @@ def cause_of(error: BaseException) -> str:
     ]
     place = f"{frames[-1].filename}:{frames[-1].lineno}: " if frames else ""
     text = str(error).partition("\n")[0]
+    untyped = re.search(r"non-annotated attribute was detected: `(\w+) = ", text)
+    if untyped is not None:
+        name = untyped[1]
+        return f"{place}`{name}` has no type; write `{name}: float` (setting) or `{name}: ClassVar[float]` (constant)"
     return f"{place}{type(error).__name__}: {text}"
 
 

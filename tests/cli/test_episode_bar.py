@@ -35,6 +35,7 @@ def test_a_log_file_gets_a_line_every_ten_seconds(clock):
         bar.show(second, 200)
     bar.close()
     assert stream.getvalue().splitlines() == [
+        "inspector: 0 of 200, left -",
         "inspector: 10 of 200, left 0:03:10",
         "inspector: 20 of 200, left 0:03:00",
         "inspector: 30 of 200, left 0:02:50",

@@ -96,7 +96,7 @@ class _Without:
         ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s is more than 5,000 control steps"),
         ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
         ("chaser.limits.cone=200 deg", "chaser.limits.cone: expected a number of 3.14159265358979 or less"),
-        ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read (file_type"),
+        ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.obj}}", "bad.obj: the mesh cannot be read"),
         ("sensors.imu={rate: 0.0}", "imu: rate is 0; an estimator needs"),

@@ -141,13 +141,14 @@ def run_film(arguments: argparse.Namespace) -> int:
     if arguments.output.suffix.lower() == ".mp4":
         find_ffmpeg()
     film: Film | MissionFilm
-    if is_mission:
-        film = mission_film(arguments)
-    else:
-        episode, _ = _episode(arguments)
-        film = Film(episode, arguments.frames, arguments.width, arguments.turn)
     bar = EpisodeBar("pictures", sys.stderr)
+    bar.show(0, arguments.frames)
     try:
+        if is_mission:
+            film = mission_film(arguments)
+        else:
+            episode, _ = _episode(arguments)
+            film = Film(episode, arguments.frames, arguments.width, arguments.turn)
         save_film(film, arguments.output, arguments.fps, bar.show)
     finally:
         bar.close()

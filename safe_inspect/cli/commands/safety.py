@@ -57,6 +57,7 @@ def run_safety(arguments: argparse.Namespace) -> int:
     _check_plot(arguments)
     experiment = _load(arguments, enabled=not arguments.off)
     bar = EpisodeBar("steps", sys.stderr)
+    bar.show(0, arguments.steps)
     try:
         report = safety_report(experiment.spec, arguments.steps, arguments.num_envs, arguments.seed, progress=bar.show)
     finally:
@@ -86,8 +87,17 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 def run_acceptance(arguments: argparse.Namespace) -> int:
     """Print the acceptance rates."""
     _check_plot(arguments)
-    found = acceptance(_load(arguments).spec, arguments.draws, arguments.seed)
+    spec = _load(arguments).spec
+    found = acceptance(spec, arguments.draws, arguments.seed)
     print(found)
+    disabled = [glue for agent in spec.agents for glue in agent.action_glues if not getattr(glue, "enabled", True)]
+    if disabled:
+        name = type(disabled[0]).registered_name
+        print(
+            f"note: only the sampler's constraints are checked, because the filter is off; set "
+            f"{name}.config.enabled=true to reject initial states that the filter cannot keep safe too",
+            file=sys.stderr,
+        )
     if arguments.plot is not None:
         save(acceptance_figure(found), arguments.plot)
     return 0

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from annotated_types import BaseMetadata
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel
 
 from safe_inspect.config.data import configs_root
@@ -32,6 +32,7 @@ from safe_inspect.rendezvous.target.boxes import Box
 
 from .control import Pieces
 
+LIMITS = (Ge, Gt, Le, Lt, MaxLen, MinLen)
 _FOLDER = configs_root() / "tumbling-rendezvous"
 _ROOM = "chaser.limits.keep_in=[9 m, 9 m, 9 m]"
 _RANDOM = "tumble={functor: RandomTumble, config: {least_rate: 2 deg/s, largest_rate: 40 deg/s}}"
@@ -108,7 +109,7 @@ def _files() -> Any:
 def _fields(model: type[BaseModel]) -> Any:
     """Return default and limits of each field."""
     return {
-        name: [repr(info.default), *(repr(limit) for limit in info.metadata if isinstance(limit, BaseMetadata))]
+        name: [repr(info.default), *(repr(limit) for limit in info.metadata if isinstance(limit, LIMITS))]
         for name, info in model.model_fields.items()
     }
 
