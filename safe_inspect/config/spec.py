@@ -10,6 +10,7 @@ from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
+from safe_inspect.platforms.sensor_errors import Measured
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
@@ -54,9 +55,13 @@ class AgentSpec:
         )
 
     @property
-    def sensors(self) -> dict[str, Sensor]:
-        """The parts that are sensors, by name."""
-        return {name: part for name, part in self.parts.items() if isinstance(part, Sensor)}
+    def sensors(self) -> dict[str, Any]:
+        """The parts that are sensors, by name; a sensor with errors gives readings with errors."""
+        return {
+            name: part if part.errors is None else Measured(part, part.errors)
+            for name, part in self.parts.items()
+            if isinstance(part, Sensor)
+        }
 
     @property
     def observation_glues(self) -> tuple[ObservationGlue, ...]:

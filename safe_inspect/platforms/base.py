@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from safe_inspect.platforms.sensor_errors import SensorErrors
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
 from safe_inspect.simulators.simulator import Simulator
@@ -16,7 +17,7 @@ from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
-from safe_inspect.units import PositiveMass
+from safe_inspect.units import PositiveMass, to_si
 
 
 class Platform(Plugin):
@@ -117,11 +118,28 @@ class Sensor(Part, RowPlugin):
             `element_names` instead.
         symbol: SI unit of the reading, empty for a pure number.
         bounds: Smallest and largest possible value, SI.
+
+    Attributes:
+        errors: Errors of the readings; None: the readings are exact. Rewards, done functions and safety filters must
+            not name a sensor with errors.
     """
 
     elements: ClassVar[tuple[str, ...]]
     symbol: ClassVar[str] = ""
     bounds: ClassVar[tuple[float, float]] = (-np.inf, np.inf)
+
+    errors: SensorErrors | None = None
+
+    @field_validator("errors", mode="before")
+    @classmethod
+    def _in_own_unit(cls, value: Any) -> Any:
+        """Convert the errors that are given with a unit to the unit of the reading."""
+        if not isinstance(value, Mapping):
+            return value
+        return {
+            key: to_si(given, cls.symbol) if key in ("noise", "bias", "resolution") else given
+            for key, given in value.items()
+        }
 
     @property
     def element_names(self) -> tuple[str, ...]:

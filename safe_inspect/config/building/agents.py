@@ -17,6 +17,7 @@ from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.errors import did_you_mean, not_named
+from safe_inspect.glues.base import ObservationGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
@@ -146,12 +147,16 @@ def _check_references(
 ) -> bool:  # fmt: skip
     """Check that the names in plugins exist, if names of their kind are known; return whether all of them do."""
     sound = True
+    inexact = {part.part_name for part in entry.config.config.parts if isinstance(part, Sensor) and part.errors}
     for path, plugin in plugins_of(entry, base):
         for field, kind in plugin.references().items():
             value = getattr(plugin, field)
             if value is not None and kind in known and value not in known[kind]:
                 sound = False
                 report((*path, "config", field), not_named(kind, value, known[kind]))
+            elif kind == "sensor" and value in inexact and not isinstance(plugin, ObservationGlue | Sensor):
+                text = f"the sensor {value!r} has `errors`, but a {plugin.kind} needs exact values"
+                report((*path, "config", field), f"{text}; name a second sensor of the same kind without errors")
     return sound
 
 
