@@ -165,6 +165,23 @@ def test_rates_keep_within_their_limit_whatever_is_commanded():
     np.testing.assert_allclose(spent, 5 * STEP * np.abs(control[:, :3]).sum(axis=1) / MASS)
 
 
+@pytest.mark.parametrize("half_turn", np.eye(3))
+def test_the_limits_are_the_same_for_both_directions_of_an_axis(half_turn):
+    """Turning the body's axes by half a turn about one of them changes signs only, also of rates at their limit."""
+    states, control = drawn(60)
+    states[3][:40] = LIMIT * np.sign(states[3][:40])  # an axis at its limit is held there, or leaves it
+    states[3][:20, 0] *= 0.5
+    control[:, 3:] *= 20.0
+    signs = 2.0 * half_turn - 1.0
+    dynamics = ClohessyWiltshireAttitude(inertia=ASYMMETRIC, body_frame_thrust=False)
+    one = advanced(states, control, dynamics, steps=3)
+    turned = (*states[:2], multiply(states[2], np.append(half_turn, 0.0)), states[3] * signs)
+    other = advanced(turned, control * np.concatenate((np.ones(3), signs)), dynamics, steps=3)
+    np.testing.assert_allclose(other[3], one[3] * signs, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(other[2], multiply(one[2], np.append(half_turn, 0.0)), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(other[0], one[0], rtol=0.0, atol=1e-9)
+
+
 def test_a_row_gives_the_same_bits_in_a_batch_of_any_size():
     states, control = drawn(9)
     together = advanced(states, control, ClohessyWiltshireAttitude())
