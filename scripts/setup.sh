@@ -10,6 +10,8 @@ if [ ! -f "$venv/.ready" ] || [ "$(cat "$venv/.ready")" != "$state" ]; then
     "${PYTHON:-python3}" -m venv "$venv"
     # Python compiles a module when it is first imported; to compile all of them now would take half of the time. Callers
     # see to it that the result is kept (PYTHONDONTWRITEBYTECODE): else each process of Ray takes 4 s more to start.
+    (while sleep 15; do echo "  still installing, $SECONDS s" >&2; done) &
+    trap "kill $!" EXIT
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
     echo "$state" > "$venv/.ready"
 fi

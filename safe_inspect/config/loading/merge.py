@@ -133,16 +133,24 @@ def _sources(item: Any) -> list[Mapping[Any, Any]]:
 
 def _append(merged: LocatedDict, key: str, items: Any, location: Location | None) -> None:
     """Append a list to the one of a key."""
+    if key not in merged:
+        raise ConfigError(
+            Problem(f"there is no list `{key}` to append to", key + APPEND, location, did_you_mean(key, _lists(merged)))
+        )
     base = merged.get(key)
     for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it appends,")):
         if not isinstance(value, list):
-            lists = [name for name, old in merged.items() if isinstance(old, list)]
-            hint = "" if key in merged else did_you_mean(key, lists)
-            raise ConfigError(Problem(f"{what} must be a list, not {value!r}", key + APPEND, location, hint))
+            raise ConfigError(Problem(f"{what} must be a list, not {value!r}", key + APPEND, location))
     assert isinstance(base, list)
     marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
     marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}
     merged[key] = LocatedList([*base, *items], marks, getattr(base, "location", None))
+
+
+def _lists(mapping: Mapping[Any, Any]) -> list[str]:
+    """Return the names of the lists in a mapping and in the mappings that it contains."""
+    found = [str(key) for key, value in mapping.items() if isinstance(value, list)]
+    return found + [name for value in mapping.values() if isinstance(value, Mapping) for name in _lists(value)]
 
 
 def _located(mapping: Mapping[Any, Any]) -> LocatedDict:
