@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from safe_inspect.cli.common import Parser, run_command
+from safe_inspect.compiling import announce_compiling
 from safe_inspect.version import __version__
 
 _ABOUT = "Train, evaluate and draw policies, check experiments and safety filters."
@@ -132,6 +133,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code, which is 0, or 2 for a mistake of the user."""
     with suppress(FileNotFoundError):  # as `python -m` does, for modules with plugins next to the configuration
         sys.path.insert(0, os.getcwd())
+    announce_compiling()
     return run_command(command_parser(), argv)
 
 

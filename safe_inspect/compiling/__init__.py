@@ -1,6 +1,22 @@
 """Compiled functions: kernels, and functions with generated source that call kernels."""
 
 from safe_inspect.compiling.generated import Generated, generate
-from safe_inspect.compiling.kernel import BORROWING, COMPILING_NOTE, Kernel, compiling_seconds, njit
+from safe_inspect.compiling.kernel import (
+    BORROWING,
+    COMPILING_NOTE,
+    Kernel,
+    announce_compiling,
+    compiling_seconds,
+    njit,
+)
 
-__all__ = ["BORROWING", "COMPILING_NOTE", "Generated", "Kernel", "compiling_seconds", "generate", "njit"]
+__all__ = [
+    "BORROWING",
+    "COMPILING_NOTE",
+    "Generated",
+    "Kernel",
+    "announce_compiling",
+    "compiling_seconds",
+    "generate",
+    "njit",
+]

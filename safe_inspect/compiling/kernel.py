@@ -47,6 +47,7 @@ _choosing = threading.RLock()
 #: Compilation time after which a message is printed on a terminal [s].
 _PATIENCE = 2.0
 _spent = [0.0]
+_announced = [False]
 #: Environment variable with the path of a file that exists while a process compiles, and afterwards if it took longer
 #: than that. A training sets it for Ray's processes, whose output is not visible.
 COMPILING_NOTE = "SAFE_INSPECT_COMPILING_NOTE"
@@ -118,6 +119,11 @@ def njit(function: Any = None, /, **options: Any) -> Any:
     return lambda decorated: Kernel(decorated, options)
 
 
+def announce_compiling() -> None:
+    """Print the message about the compilation also if standard error is not a terminal, as commands do."""
+    _announced[0] = True
+
+
 def compiling_seconds() -> float:
     """Return the total time that this process has waited for the compiler [s]."""
     return _spent[0]
@@ -143,9 +149,9 @@ def prepare() -> None:
         return typeof_impl(kernel.part, context)
 
     class Announcer(event.Listener):  # type: ignore[misc]
-        """Listener that measures the compilation time and prints one message about it on a terminal."""
+        """Listener that measures the compilation time and prints one message about it."""
 
-        depth, since, quiet = 0, 0.0, not sys.stderr.isatty()
+        depth, since, told = 0, 0.0, False
         collects, note = False, os.environ.get(COMPILING_NOTE)
 
         def on_start(self, event: Any) -> None:
@@ -162,8 +168,9 @@ def prepare() -> None:
                     gc.enable()
                 _spent[0] += time.monotonic() - self.since
                 self._mark(_spent[0] > _PATIENCE)
-            if not self.quiet and _spent[0] > _PATIENCE:
-                self.quiet = True
+            wanted = sys.stderr.isatty() or (_announced[0] and sys.stderr is sys.__stderr__)
+            if wanted and not self.told and _spent[0] > _PATIENCE:
+                self.told = True
                 print("compiling, once for each installation: up to a minute ...", file=sys.stderr)
 
         def _mark(self, compiling: bool) -> None:

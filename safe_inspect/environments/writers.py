@@ -45,10 +45,12 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
         try:
             return function(*args, **kwargs)
         except SafeInspectError as error:
-            plugin = _innermost(error)[0] if isinstance(error, MissingNameError) and error.name else None
+            plugin, file, line = (
+                _innermost(error) if isinstance(error, MissingNameError) and error.name else (None, "", 0)
+            )
             if plugin is None:
                 raise
-            what = f"the {plugin.kind} {plugin.registered_name} reads a missing value"
+            what = f"the {plugin.kind} {plugin.registered_name} reads a missing value ({file}:{line})"
             raise MissingNameError(f"{what}: {error}") from error
         except BaseException as error:
             if isinstance(error, Interrupted):  # raised by a signal handler, at any place

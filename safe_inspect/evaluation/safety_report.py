@@ -267,5 +267,6 @@ def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Ac
             return Acceptance(name, states, refused, accepted)
         values[name] = parameter(draw)
     raise ConfigError(
-        "no reset parameter of this task is a RejectionSampler, so all samples are accepted and there is no share"
+        "no reset parameter of this task is a RejectionSampler, so all samples are accepted and there is no share; "
+        "wrap the initializer in one (docs/safety.md, Initial states), or use translational-inspection"
     )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from safe_inspect.environments.writers import writes_read_only
 from safe_inspect.errors import PluginValueError, SafeInspectError
+from safe_inspect.plugins.plugin import Plugin
 
 #: Remedy if a plugin writes into its inputs.
 WRITES = "compute on copies: no assignment, `+=` or `out=` on what the plugin is given"
@@ -73,7 +74,9 @@ class Report:
             yield
         except Exception as error:
             cause = error.__cause__ if isinstance(error, PluginValueError) and error.__cause__ else error
-            last = traceback.extract_tb(cause.__traceback__)[-1]
+            calls = list(traceback.walk_tb(cause.__traceback__))
+            own = [index for index, (frame, _) in enumerate(calls) if isinstance(frame.f_locals.get("self"), Plugin)]
+            last = traceback.extract_tb(cause.__traceback__)[own[-1] if own else -1]
             text = f"{type(cause).__name__}: {cause}".splitlines()[0]
             message = f"{what} raised {text} ({last.filename}:{last.lineno}: {last.line})"
             if writes_read_only(cause):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.results.files import read_trajectories
 from safe_inspect.evaluation.rollouts import record_episode
+from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
@@ -184,6 +186,10 @@ def run_curves(arguments: argparse.Namespace) -> int:
     for label, paths in recipes.items():
         if len({path.resolve() for path in paths}) < len(paths):
             raise SafeInspectError(f"{label}: a run is given twice, but must count once in a band over seeds")
+        records = [RunFolder(path.parent).record for path in paths]
+        seeds = [json.loads(file.read_text(encoding="utf-8")).get("seed") for file in records if file.is_file()]
+        if len(set(seeds)) < len(seeds):
+            print(f"note: {label}: runs with the same seed do not count as several seeds; repeat one", file=sys.stderr)
     save(curves_figure(recipes, arguments.centre, each=arguments.each), arguments.output)
     shown = ", ".join(f"{label} ({len(paths)})" for label, paths in recipes.items())
     print(f"{arguments.output}: {shown}")

@@ -89,7 +89,7 @@ def mission_table(summary: Mapping[str, Any]) -> str:
     lines = ["success" if summary["success"] else f"failed: {summary['cause']}{detail}"]
     for key, (label, unit) in {**MISSION_FIGURES, "delta_v": ("delta-v", "m/s")}.items():
         value = summary.get(key)
-        lines.append(f"  {label:<38}{'-' if value is None else f'{value:.3g} {unit}'.removesuffix(' -')}")
+        lines.append(f"  {label:<42}{'-' if value is None else f'{value:.3g} {unit}'.removesuffix(' -')}")
     return "\n".join(lines)
 
 
