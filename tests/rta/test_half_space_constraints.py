@@ -181,6 +181,27 @@ def test_holds_are_certified_as_dense_samples_say(constraint):
     assert safe[least > 0.02].all()
 
 
+def test_each_of_several_constraints_is_kept():
+    from safe_inspect.rta.filters.backup.holds import hold
+    from safe_inspect.rta.filters.backup.sequences import SAFE
+
+    planes = [Plane(name=str(axis), normal=tuple(np.eye(3)[axis]), offset=20.0) for axis in range(3)]
+    model, state = BackupFilter({}, planes)._model, drawn(2, 600, fastest=0.5)
+    control = np.random.default_rng(3).uniform(-0.5, 0.5, (600, 3))
+    least = np.array([[plane.phi(flown(state, control, t)) for t in np.linspace(0.0, DT, 81)] for plane in planes])
+    cells, where, margins = np.empty((64, 4), np.int64), np.empty(2, np.int64), Margins(1e-3, 1e-5, 1e-3)
+    safe = np.array(
+        [
+            hold(model, (*state.position[i], *state.velocity[i]), (1.0, 0.0), control[i], margins, cells, where) == SAFE
+            for i in range(600)
+        ]
+    )  # fmt: skip
+    for axis in range(3):
+        others = np.delete(least, axis, axis=0).min(axis=(0, 1))
+        assert not safe[(least[axis].min(axis=0) < 0.0) & (others > 0.1)].any()
+    assert safe[least.min(axis=(0, 1)) > 0.1].all()
+
+
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_closed_motions_are_certified_as_dense_samples_say(constraint):
     from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion

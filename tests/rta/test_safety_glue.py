@@ -579,3 +579,8 @@ def test_safe_fixed_initial_states_and_those_of_a_sampler_are_not(fixed_start, s
         BatchedEnvironment(fixed_start(*start, overrides=(ON,)), 2, seed=SEED).reset()
         BatchedEnvironment(spec_with(ON), 20, seed=SEED).reset()
         BatchedEnvironment(fixed_start((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0), 2, seed=SEED).reset()  # no filter
+
+
+def test_only_certifying_methods_state_what_they_keep():
+    assert RTAGlueCWHInspection1v1(method="continuous").kept == {}
+    assert {"chief_collision", "PSM", "sun"} <= set(RTAGlueCWHInspection1v1(method="backup").kept)

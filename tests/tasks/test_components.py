@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -177,3 +178,28 @@ def test_the_sun_turns_at_its_rate_and_shines_from_its_angle(rate):
         direction = np.stack((np.cos(angle), -np.sin(angle), 0.0 * angle), axis=-1)
         np.testing.assert_allclose(found.state["sun_direction"], direction, atol=1e-12)
         found.step(np.zeros((3, 2, 3)))
+
+
+def test_the_sun_of_an_inspection_turns_with_its_light():
+    def rate(**fields):
+        return InspectionSimulator(mean_motion=0.0011, **fields).compose()[1][0].rate
+
+    assert rate(illumination_params={"mean_motion": 0.002}) == 0.002
+    assert rate(illumination_params=None) == 0.0011
+
+
+def test_a_part_of_the_price_schedule_has_the_prices_of_its_slots():
+    plugin = FuelPriceSchedule(delta_v_scale_bounds=(-0.5, -0.1), delta_v_scale_step=-0.1)
+    running = plugin(SimpleNamespace(offers=SimpleNamespace(world={})), 4)
+    running.load_state_dict(
+        {"scale": np.array([-0.1, -0.2, -0.3, -0.4]), "steps": np.zeros(4, int), "sum": np.zeros(4),
+         "episodes": np.zeros(4, int)}
+    )  # fmt: skip
+    part = running.part(np.array([2, 0]))
+    np.testing.assert_array_equal(part.state_dict()["scale"], [-0.3, -0.1])
+    np.testing.assert_array_equal(running.state_dict()["scale"], [-0.1, -0.2, -0.3, -0.4])
+    part.load_state_dict(
+        {name: array + 0.0 for name, array in part.state_dict().items()} | {"scale": np.full(2, -0.45)}
+    )
+    running.join(part, np.array([2, 0]))
+    np.testing.assert_array_equal(running.state_dict()["scale"], [-0.45, -0.2, -0.45, -0.4])
