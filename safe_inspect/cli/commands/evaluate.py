@@ -287,24 +287,17 @@ def fly_candidates(
                 kept_episodes(output, arguments.command, records, num_envs=arguments.num_envs, force=arguments.force)
             )
         for (candidate, measured, record), own_kept in zip(flights.values(), kept, strict=True):
-            bar = EpisodeBar(candidate.label, sys.stderr)
             try:
-                episodes = candidate.fly(
-                    arguments.episodes,
-                    arguments.seed,
-                    arguments.num_envs,
-                    record=arguments.record or 0,
-                    metrics=measured,
-                    progress=bar.show,
-                    kept=own_kept,
-                )
+                with EpisodeBar(candidate.label) as bar:
+                    episodes = candidate.fly(
+                        arguments.episodes, arguments.seed, arguments.num_envs, record=arguments.record or 0,
+                        metrics=measured, progress=bar.show, kept=own_kept,
+                    )  # fmt: skip
             except KeyboardInterrupt as stop:
                 if output is None:
                     done = arguments.episodes * len(found) + bar.done
                     stop.add_note(f"{done:,} of {count:,} episodes were run and are lost; --output FOLDER stores them")
                 raise
-            finally:
-                bar.close()
             found.append(Evaluation.of(candidate.label, episodes, record, reference=reference))
         if show is not None:
             show(found)

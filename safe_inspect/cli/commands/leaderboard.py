@@ -194,9 +194,6 @@ def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     about = {"safe_inspect": __version__, "configuration_file": task, "overrides": list(entry.overrides)}
     asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(spec), about)
     path.parent.mkdir(parents=True, exist_ok=True)
-    bar = EpisodeBar(OPTIMISER, sys.stderr)
-    try:
+    with EpisodeBar(OPTIMISER) as bar:
         record = complete(spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
-    finally:
-        bar.close()
     return Standing.of_plans(entry.row, record, spec.step_size)

@@ -7,7 +7,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from safe_inspect.cli.common import print_doubts, print_loading
 from safe_inspect.config.loading.located import LocatedDict
@@ -34,15 +34,14 @@ class PilotCandidate:
     Attributes:
         experiment: The experiment; its seed is that of the episodes.
         flights: Runner of the episodes.
+        label: Name of the candidate in tables.
+        price: An empty string, because there are no rewards.
     """
 
     experiment: Rendezvous
     flights: Flights
-
-    @property
-    def label(self) -> str:
-        """Name of the candidate in tables."""
-        return _PILOT
+    label: ClassVar[str] = _PILOT
+    price: ClassVar[str] = ""
 
     @property
     def source(self) -> dict[str, Any]:
@@ -54,11 +53,6 @@ class PilotCandidate:
     def task(self) -> dict[str, Any]:
         """Properties that must be equal in evaluations that are compared."""
         return mission_task(self.experiment.config)
-
-    @property
-    def price(self) -> str:
-        """An empty string, because there are no rewards."""
-        return ""
 
     def measured(self, metrics: Sequence[BaseMetric]) -> list[BaseMetric]:
         """Return no metrics, because a mission has its own results.
