@@ -15,7 +15,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,7 +29,6 @@ from safe_inspect.evaluation.raw_values import (
     ObservedElement,
     commanded_elements,
     observed_elements,
-    plain_elements,
 )
 from safe_inspect.version import __version__
 
@@ -86,8 +85,8 @@ class PolicyInfo:
             "task": self.task,
             "policy": self.policy,
             "agents": json.dumps(self.agents),
-            "observation": json.dumps(plain_elements(self.observation)),
-            "action": json.dumps(plain_elements(self.action)),
+            "observation": json.dumps([asdict(element) for element in self.observation]),
+            "action": json.dumps([asdict(element) for element in self.action]),
             "distribution": self.distribution,
             "step_size": repr(float(self.step_size)),
             "training": json.dumps(self.training),
