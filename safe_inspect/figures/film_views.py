@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -63,13 +63,6 @@ def moment(episode: Trajectory, time: float) -> Moment:
 
 
 _NEAREST = 0.1  # smallest range that is drawn [m]
-
-
-class SideView(Protocol):
-    """Part of a film's pictures next to the scene."""
-
-    def show(self, now: Moment, front: Camera) -> None:
-        """Draw a moment, given the camera of the scene."""
 
 
 class ChiefView:
