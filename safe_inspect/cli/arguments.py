@@ -31,7 +31,7 @@ def whole_number(text: str, expected: str, least: int = 0, most: float = math.in
         number = int(text)
     except ValueError:
         number = -1
-    if not least <= number <= most:
+    if len(text) > 20 or not least <= number <= most:
         raise argparse.ArgumentTypeError(f"expected {expected}, not {text!r}")
     return number
 

@@ -13,7 +13,7 @@ from safe_inspect.cli.commands.mission_figures import (
     print_mission,
     view_mission,
 )
-from safe_inspect.cli.common import add_overrides
+from safe_inspect.cli.common import add_overrides, refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
@@ -197,9 +197,8 @@ def _is_recording(source: Path) -> bool:
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
-    for given, option in ((arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed")):
-        if given:
-            raise SafeInspectError(f"{source}: {option} has no effect on a recorded episode; remove it")
+    options = {"--cfg": arguments.cfg, "KEY=VALUE": arguments.overrides, "--seed": arguments.seed}
+    refuse_options(options, "has no effect on a recorded episode", source=source)
     episodes = {episode.slot: episode for episode in read_trajectories(source)}
     if arguments.episode not in episodes:
         last = max(episodes, default=-1)

@@ -12,18 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.cli.arguments import positive
-from safe_inspect.cli.commands.evaluate import fly_candidates
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.flights import fly_candidates
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.evaluation.baselines import OPTIMISER, complete
 from safe_inspect.evaluation.optimiser import coverage_task
-from safe_inspect.evaluation.results.files import (
-    is_evaluation,
-    read_evaluation,
-    read_evaluation_record,
-)
+from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, read_evaluation_record
 from safe_inspect.evaluation.results.leaderboard import (
     Board,
     FlownRow,
