@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.messages.messages import functor_mistakes
-from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.environments.finite_checks import all_finite
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
@@ -114,11 +114,7 @@ def with_scripted(
     for name in chosen:
         if name not in names:
             raise SafeInspectError(f"no agent is named {name!r}; {did_you_mean(name, names)}")
-    known = {
-        "entity": {*spec.platforms, *spec.reset.entities},
-        "platform": set(spec.platforms),
-        "points": set(getattr(spec.simulator, "inspection_points_map", ())),
-    }
+    known = world_names(spec.platforms, spec.reset, spec.simulator)
     for field, kind in plugin.references().items():
         value = getattr(plugin, field)
         if value is not None and value not in known.get(kind, {value}):
