@@ -21,37 +21,42 @@ def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: 
     parser.add_argument("--force", action="store_true", help="replace the folder if this command wrote all of it")
 
 
-def positive(text: str) -> int:
-    """Return a whole number that is at least 1."""
+def whole_number(text: str, expected: str, least: int = 0, most: float = math.inf) -> int:
+    """Return a whole number within limits.
+
+    Raises:
+        ArgumentTypeError: The text is none; the message says what is expected.
+    """
     try:
         number = int(text)
     except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, not {text!r}")
+        number = -1
+    if len(text) > 20 or not least <= number <= most:
+        raise argparse.ArgumentTypeError(f"expected {expected}, not {text!r}")
     return number
 
 
-def seed(text: str) -> int:
-    """Return a seed."""
-    if not text.isdecimal() or len(text) > 20 or int(text) >= 2**64:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 0 to 2**64 - 1, not {text!r}")
-    return int(text)
+def positive(text: str) -> int:
+    """Return a whole number that is at least 1."""
+    return whole_number(text, "a whole number of at least 1", least=1)
 
 
 def natural(text: str) -> int:
     """Return a whole number that is at least 0."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, not {text!r}")
-    return int(text)
+    return whole_number(text, "a whole number of at least 0")
 
 
-def positive_number(text: str) -> float:
+def seed(text: str) -> int:
+    """Return a seed."""
+    return whole_number(text, "a whole number from 0 to 2**64 - 1", most=2**64 - 1)
+
+
+def positive_number(text: str, expected: str = "a positive number") -> float:
     """Return a positive, finite number."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a positive number, not {text!r}")
+        raise argparse.ArgumentTypeError(f"expected {expected}, not {text!r}")
     return number

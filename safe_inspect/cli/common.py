@@ -10,7 +10,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -156,6 +156,22 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
     parser.add_argument(
         "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
     )
+
+
+def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "") -> None:
+    """Raise an error for an option that is given but has no effect.
+
+    Args:
+        options: The value of each option by its name.
+        why: Why it has none, after the option's name.
+        source: File or folder to which this applies, if it is to be named.
+
+    Raises:
+        SafeInspectError: An option has a value that is true.
+    """
+    for option, value in options.items():
+        if value:
+            raise SafeInspectError(f"{source}{': ' if source else ''}{option} {why}; remove it")
 
 
 def print_loading() -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import shutil
+import sys
 import time
-from typing import TextIO
+from typing import Any, Self, TextIO
 
 from safe_inspect.compiling import compiling_seconds
 from safe_inspect.experiments.runs.progress import clock_text
@@ -20,17 +21,19 @@ class EpisodeBar:
     Lines are printed when nothing is done yet and every ten seconds. The estimate of the remaining time excludes
     compilation.
 
+    As a context manager it removes the bar at the end.
+
     Args:
         label: Text before the bar.
-        stream: Output stream.
+        stream: Output stream; standard error by default.
 
     Attributes:
         done: Number of finished items at the last update.
     """
 
-    def __init__(self, label: str, stream: TextIO) -> None:
-        self._label, self._stream = label, stream
-        self._terminal = stream.isatty()
+    def __init__(self, label: str, stream: TextIO | None = None) -> None:
+        self._label, self._stream = label, stream or sys.stderr
+        self._terminal = self._stream.isatty()
         self._begun = self._told = time.monotonic()
         self._compiled = compiling_seconds()
         self.done = 0
@@ -54,8 +57,10 @@ class EpisodeBar:
         self._stream.write(f"\r{self._label}  {line}\x1b[K")
         self._stream.flush()
 
-    def close(self) -> None:
-        """Remove the bar."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
         if self._terminal:
             self._stream.write("\r\x1b[K")
             self._stream.flush()

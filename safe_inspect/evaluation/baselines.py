@@ -109,8 +109,7 @@ def _fly(spec: EnvironmentSpec, record: Record, episodes: int, first_slot: int) 
     if record.kind == OPTIMISER:
         assert record.effort is not None, "the record of an optimiser has an effort"
         return optimise(spec, episodes, record.seed, first_slot, EFFORTS[record.effort])
-    flown = fly_slots(spec, baseline(record.kind), episodes, record.seed, first_slot)
-    return [flown.entry(row) for row in range(episodes)]
+    return fly_slots(spec, baseline(record.kind), episodes, record.seed, first_slot)[0]
 
 
 def _part(path: Path) -> Path:

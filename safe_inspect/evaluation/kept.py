@@ -76,14 +76,14 @@ class KeptEpisodes:
 
 @contextmanager
 def kept_episodes(
-    output: Path, command: str, flights: Mapping[str, Mapping[str, Any]], *, num_envs: int, force: bool = False
+    output: Path | None, command: str, flights: Mapping[str, Mapping[str, Any]], *, num_envs: int, force: bool = False
 ) -> Iterator[list[KeptEpisodes]]:
     """Provide the stored batches of each rollout, in a folder next to `output` whose name ends in ``.part``.
 
     The folder is removed when the block ends without an error, and when nothing was stored.
 
     Args:
-        output: Path of the evaluations to be written.
+        output: Path of the evaluations to be written; None: nothing is stored.
         command: The command that runs the rollouts.
         flights: For each rollout its name, and a mapping of everything that determines its episodes, with their number
             under ``episodes``.
@@ -94,6 +94,9 @@ def kept_episodes(
         OutputError: The folder contains episodes of other rollouts or something else, it cannot be written, or another
             process is writing episodes to it.
     """
+    if output is None:
+        yield [KeptEpisodes(None, name) for name in flights]
+        return
     shown = output.with_name(f"{output.name}.part")
     folder = shown.expanduser().absolute()
     flown = json.loads(json.dumps({"num_envs": num_envs, "flights": flights}, default=str))

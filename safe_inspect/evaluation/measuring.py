@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,14 @@ from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
+#: How the value of a step is combined with those of earlier steps.
+_COMBINED: Mapping[Reduce, Callable[..., FloatArray]] = {
+    "sum": np.add,
+    "mean": np.add,
+    "min": np.minimum,
+    "max": np.maximum,
+    "last": lambda kept, value: value,
+}
 _TOGETHER: Mapping[str, Callable[..., FloatArray]] = {
     "sum": np.nansum,
     "mean": np.nanmean,
@@ -134,16 +143,13 @@ class _Values:
 
     def __init__(self, metrics: Sequence[BaseMetric], rows: int, columns: int) -> None:
         self._metrics, self._reduce = metrics, metrics[0].reduce
-        self._whole: FloatArray = np.full((len(metrics), rows, columns), np.nan)
-        self._whole_count: IntArray = np.zeros((len(metrics), rows, columns), dtype=np.int64)
+        self._kept: FloatArray = np.full((len(metrics), rows, columns), np.nan)
+        self._count: IntArray = np.zeros((len(metrics), rows, columns), dtype=np.int64)
         self._rows: IntArray = np.arange(rows)
-        self._kept, self._count = self._whole, self._whole_count
 
     def go_on(self, chosen: IntArray) -> None:
         """Continue with some of the environments; see `EpisodeCollector.go_on`."""
-        self._write()
         self._rows = self._rows[chosen]
-        self._kept, self._count = self._whole[:, self._rows], self._whole_count[:, self._rows]
 
     def add(self, columns: slice, step: Any, counts: BoolArray) -> None:
         """Add the values of a step where `counts` is true, a mask of shape (N, G).
@@ -153,19 +159,12 @@ class _Values:
         """
         value = np.empty((len(self._metrics), *counts.shape))
         for index, metric in enumerate(self._metrics):
-            value[index] = _shaped(metric, metric(step), counts.size).reshape(counts.shape)  # type: ignore[operator]
-        _require_no_infinity(self._metrics, value)
-        kept = self._kept[:, :, columns]
-        counts = counts & ~np.isnan(value)
-        if self._reduce == "last":
-            np.copyto(kept, value, where=counts)
-            return
-        if self._reduce in ("sum", "mean"):
-            both = kept + value
-            self._count[:, :, columns] += counts
-        else:
-            both = np.minimum(kept, value) if self._reduce == "min" else np.maximum(kept, value)
-        np.copyto(kept, np.where(np.isnan(kept), value, both), where=counts)
+            value[index] = _checked(metric, metric(step), counts.shape)  # type: ignore[operator]
+        place = (slice(None), self._rows, columns)
+        kept, counts = self._kept[place], counts & ~np.isnan(value)
+        both = _COMBINED[self._reduce](kept, value)
+        self._kept[place] = np.where(counts, np.where(np.isnan(kept), value, both), kept)
+        self._count[place] += counts
 
     def conclude(self, columns: slice, step: Step, ends: BoolArray) -> None:
         """Let metrics replace the values of the episodes that end with a step, given by a mask of shape (N, G).
@@ -176,46 +175,31 @@ class _Values:
         for index, metric in enumerate(self._metrics):
             if not isinstance(metric, Metric) or type(metric).conclude is Metric.conclude:
                 continue
-            final = metric.conclude(self._mean(self._kept, self._count)[index, :, columns].reshape(-1), step)
-            value = _shaped(metric, final, ends.size).reshape(ends.shape)
-            _require_no_infinity([metric], value[None])
+            place = (index, self._rows, columns)
+            value = _checked(metric, metric.conclude(self._values()[place].reshape(-1), step), ends.shape)
             if self._reduce == "mean":
-                value = value * self._count[index, :, columns]
-            np.copyto(self._kept[index, :, columns], value, where=ends)
+                value = value * self._count[place]
+            self._kept[place] = np.where(ends, value, self._kept[place])
 
     def results(self) -> list[tuple[BaseMetric, FloatArray]]:
         """Return the reduced values of each metric so far, each of shape (N, D)."""
-        self._write()
-        return list(zip(self._metrics, self._mean(self._whole, self._whole_count), strict=True))
+        return list(zip(self._metrics, self._values(), strict=True))
 
-    def _mean(self, kept: FloatArray, count: IntArray) -> FloatArray:
-        return kept / np.maximum(count, 1) if self._reduce == "mean" else kept
-
-    def _write(self) -> None:
-        if self._kept is not self._whole:
-            self._whole[:, self._rows], self._whole_count[:, self._rows] = self._kept, self._count
+    def _values(self) -> FloatArray:
+        return self._kept / np.maximum(self._count, 1) if self._reduce == "mean" else self._kept
 
 
-def _shaped(metric: BaseMetric, value: AnyArray, rows: int) -> FloatArray:
-    """Return the values of a metric after a check of their shape.
+def _checked(metric: BaseMetric, value: AnyArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the values of a metric in a shape, after a check.
 
     Raises:
-        PluginValueError: The shape is not (rows,).
+        PluginValueError: A value is infinite, or their number is wrong.
     """
-    value = np.asarray(value, dtype=np.float64)
+    value, rows = np.asarray(value, dtype=np.float64), math.prod(shape)
     if value.shape != (rows,):
         raise PluginValueError(f"the metric {metric.registered_name} gave the shape {value.shape}; expected ({rows},)")
-    return value
-
-
-def _require_no_infinity(metrics: Sequence[BaseMetric], value: FloatArray) -> None:
-    """Raise an error for infinite values of M metrics, shape (M, N, G).
-
-    Raises:
-        PluginValueError: A metric gave infinity.
-    """
     if np.isinf(value).any():
-        index = int(np.flatnonzero(np.isinf(value).any(axis=(1, 2)))[0])
         raise PluginValueError(
-            f"the metric {metrics[index].registered_name} gave infinity; give NaN where there is nothing to measure"
+            f"the metric {metric.registered_name} gave infinity; give NaN where there is nothing to measure"
         )
+    return value.reshape(shape)

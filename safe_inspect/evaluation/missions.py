@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
@@ -141,15 +141,11 @@ class LocalFlights:
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")  # each process has one core
         with ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"), initializer=_end_with_parent) as pool:
-            pending = {pool.submit(fly_mission, tree, source, number) for number in numbers}
             try:
-                while pending:
-                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                    for future in done:
-                        yield future.result()
+                for ended in as_completed([pool.submit(fly_mission, tree, source, number) for number in numbers]):
+                    yield ended.result()
             finally:
-                for future in pending:
-                    future.cancel()
+                pool.shutdown(cancel_futures=True)
 
 
 def _end_with_parent() -> None:

@@ -294,6 +294,6 @@ def load_onnx(path: str | os.PathLike[str], sampled: bool | None = None, seed: i
         )
     try:
         info = PolicyInfo.of(metadata)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, ValueError) as error:
         raise CheckpointError(f"{name}: the file's metadata are damaged ({error}); export it again") from None
     return OnnxPolicy(name, info, session, sampled, seed)

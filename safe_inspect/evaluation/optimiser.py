@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -15,7 +15,8 @@ from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.rollouts import FlownSlots, fly_slots, sighting_steps
+from safe_inspect.evaluation.episodes import Trajectory
+from safe_inspect.evaluation.rollouts import fly_slots, sighting_steps
 from safe_inspect.planning.coverage_problem import (
     CoverageProblem,
     control_authorities,
@@ -190,46 +191,58 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, e
         far=min(0.975 * task.far, 1e6),
         field_of_view=task.field_of_view,
     )
-    guide = fly_slots(spec, inspector, episodes, seed, first_slot)
+    guide, ways = fly_slots(spec, inspector, episodes, seed, first_slot)
     environment = TeamEnvironment(spec, episodes, seed=seed, first_slot=first_slot)
     environment.reset()
-    found = [_search(environment, row, task, guide, effort) for row in range(episodes)]
+    found = [
+        _search(environment, row, task, way if known.success else None, effort)
+        for row, (known, way) in enumerate(zip(guide, ways, strict=True))
+    ]
+
+    def confirmed(plans: list[FlightPlan]) -> list[Entry]:
+        """Fly the plans in the simulator."""
+        policy = OpenLoopPlan.of((known.key, plan) for known, plan in zip(guide, plans, strict=True))
+        return fly_slots(spec, policy, episodes, seed, first_slot)[0]
+
     plans = [plan for plan, _ in found]
-    flown = _confirm(spec, plans, guide, seed, first_slot)
+    flown = confirmed(plans)
     instead = [
-        bool(guide.success[row]) and not (flown.success[row] and flown.delta_v[row] <= guide.delta_v[row])
-        for row in range(episodes)
+        known.success and not (own.success and own.delta_v <= known.delta_v)
+        for known, own in zip(guide, flown, strict=True)
     ]
     if any(instead):
-        plans = [
-            _flown_plan(guide.trajectories[row].control[:, 0]) if instead[row] else plan
-            for row, plan in enumerate(plans)
-        ]
-        flown = _confirm(spec, plans, guide, seed, first_slot)
+        plans = [_flown_plan(ways[row].control[:, 0]) if instead[row] else plan for row, plan in enumerate(plans)]
+        flown = confirmed(plans)
     return [
-        flown.entry(
-            row,
+        replace(
+            entry,
             plan=plans[row],
             planned=found[row][1] if np.isfinite(found[row][1]) else None,
-            inspector=float(guide.delta_v[row]) if guide.success[row] else None,
+            inspector=guide[row].delta_v if guide[row].success else None,
             own=not instead[row],
         )
-        for row in range(episodes)
+        for row, entry in enumerate(flown)
     ]
 
 
 def _search(
-    environment: TeamEnvironment, row: int, task: _CoverageTask, guide: FlownSlots, effort: SearchEffort
+    environment: TeamEnvironment, row: int, task: _CoverageTask, guide: Trajectory | None, effort: SearchEffort
 ) -> tuple[FlightPlan, float]:
-    """Return the plan of one episode and its cost [m/s], which is infinite when no plan is found."""
+    """Return the plan of one episode and its cost [m/s], which is infinite when no plan is found.
+
+    Args:
+        environment: The episodes after their reset.
+        row: Row of the episode.
+        task: Requirements that the plan must meet.
+        guide: A trajectory that meets them, from which the search starts too, if there is one.
+        effort: Extent of the search.
+    """
     world, reach = environment.simulation.world, _thrust_reach(environment)
     key, hold = int(environment.state.key[row]), 1
     start, burns = np.zeros(MAX_BURNS, np.int64), np.zeros((MAX_BURNS, 3))
     while True:
         problem, needed = coverage_problem(environment, row, task, hold)
-        given = np.zeros((0, len(needed)), np.int64)
-        if guide.success[row]:
-            given = sighting_steps(guide.trajectories[row])[None, needed]
+        given = np.zeros((0, len(needed)), np.int64) if guide is None else sighting_steps(guide)[None, needed]
         random = np.array([(key ^ _MIX) & _WORD], np.uint64)
         delta_v, count = search_plan(problem, np.ascontiguousarray(given), random, effort, start, burns)
         if not np.isfinite(delta_v):
@@ -255,11 +268,3 @@ def _flown_plan(thrust: FloatArray) -> FlightPlan:
     return tuple(
         Burn(step=int(step), thrust=tuple(thrust[step].tolist())) for step in np.flatnonzero(thrust.any(axis=1))
     )
-
-
-def _confirm(
-    spec: EnvironmentSpec, plans: list[FlightPlan], guide: FlownSlots, seed: int, first_slot: int
-) -> FlownSlots:
-    """Fly the plans in the simulator."""
-    policy = OpenLoopPlan.of(zip(guide.key.tolist(), plans, strict=True))
-    return fly_slots(spec, policy, len(plans), seed, first_slot)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.messages.messages import functor_mistakes
-from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.environments.finite_checks import all_finite
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
@@ -114,11 +114,7 @@ def with_scripted(
     for name in chosen:
         if name not in names:
             raise SafeInspectError(f"no agent is named {name!r}; {did_you_mean(name, names)}")
-    known = {
-        "entity": {*spec.platforms, *spec.reset.entities},
-        "platform": set(spec.platforms),
-        "points": set(getattr(spec.simulator, "inspection_points_map", ())),
-    }
+    known = world_names(spec.platforms, spec.reset, spec.simulator)
     for field, kind in plugin.references().items():
         value = getattr(plugin, field)
         if value is not None and value not in known.get(kind, {value}):
@@ -190,7 +186,7 @@ class PolicyDispatcher:
         first_slot: Global index of the environment slot of the first row.
 
     Attributes:
-        selective: Whether every policy has a method `decide`, so that `decide` can be used instead of a call.
+        selective: Whether every policy has a method `decide`, so that it is used instead of a call.
 
     Raises:
         SafeInspectError: One policy controls agents whose observations or actions differ.
@@ -223,34 +219,14 @@ class PolicyDispatcher:
                     )
         return _Assignment(policy, tuple(agents), first.action_layout.size)
 
-    def __call__(self, observations: Sequence[AnyArray], running: BoolArray) -> list[AnyArray]:
-        """Return the actions of every acting group, shape (N, G, A); 0 in rows that are not running.
-
-        Args:
-            observations: For each acting group, shape (N, G, O).
-            running: Mask of the rows whose episode is running, shape (N,).
-
-        Raises:
-            ValueError: A policy's actions have a wrong shape.
-        """
-        actions = [np.zeros(shape) for shape in self._shapes]
-        for assigned in self._assigned:
-            seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
-            seen = seen.reshape(-1, seen.shape[-1])
-            action = _checked(assigned, assigned.policy(seen), len(seen))
-            for rows, (index, member) in zip(
-                np.moveaxis(action.reshape(len(running), -1, assigned.action_size), 1, 0), assigned.agents, strict=True
-            ):
-                np.copyto(actions[index][:, member], rows, where=running[:, None])
-        return actions
-
-    def decide(
+    def __call__(
         self, observations: Sequence[AnyArray], asked: Sequence[BoolArray], rows: IntArray, step: int
     ) -> list[AnyArray]:
         """Return the actions of every acting group, shape (M, G, A); 0 for agents that do not decide in this step.
 
         Args:
-            observations: For each acting group, shape (M, G, O); those of agents that do not decide may be NaN.
+            observations: For each acting group, shape (M, G, O); if `selective`, those of agents that do not decide may
+                be NaN.
             asked: For each acting group the mask of the agents that decide: their episode is running and their action
                 is used, shape (M, G).
             rows: Indices of the M environments in the batch, shape (M,).
@@ -264,12 +240,14 @@ class PolicyDispatcher:
             seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
             mask = np.stack([asked[index][:, member] for index, member in assigned.agents], axis=1)
             row, place = np.nonzero(mask)
-            if len(row):
+            if not self.selective:
+                found = _checked(assigned, assigned.policy(seen.reshape(mask.size, -1)), mask.size)[mask.reshape(-1)]
+            elif len(row):
                 numbers = rows[row] * len(assigned.agents) + place
                 found = _checked(assigned, assigned.policy.decide(seen[mask], numbers, step), len(row))
-                for number, (index, member) in enumerate(assigned.agents):
-                    own = place == number
-                    actions[index][row[own], member] = found[own]
+            for number, (index, member) in enumerate(assigned.agents if len(row) else ()):
+                own = place == number
+                actions[index][row[own], member] = found[own]
         return actions
 
 

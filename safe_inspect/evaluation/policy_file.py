@@ -15,11 +15,12 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.errors import CheckpointError
@@ -28,7 +29,6 @@ from safe_inspect.evaluation.raw_values import (
     ObservedElement,
     commanded_elements,
     observed_elements,
-    plain_elements,
 )
 from safe_inspect.version import __version__
 
@@ -38,8 +38,6 @@ POLICY_FORMAT, RECURRENT_FORMAT = 1, 2
 #: Prefix of the name of a state input that gives the name of the output with that state after the step.
 NEXT_STATE = "next_"
 
-#: Names of the distributions that `PolicyInfo.distribution` may have.
-_DISTRIBUTIONS = ("gaussian", "categorical", "hurdle", "greedy")
 
 # An entry of `ModelProto.metadata_props` (field 14): key "sha256", value 64 hexadecimal digits.
 _SEAL = b"\x72\x4a\x0a\x06sha256\x12\x40"
@@ -87,8 +85,8 @@ class PolicyInfo:
             "task": self.task,
             "policy": self.policy,
             "agents": json.dumps(self.agents),
-            "observation": json.dumps(plain_elements(self.observation)),
-            "action": json.dumps(plain_elements(self.action)),
+            "observation": json.dumps([asdict(element) for element in self.observation]),
+            "action": json.dumps([asdict(element) for element in self.action]),
             "distribution": self.distribution,
             "step_size": repr(float(self.step_size)),
             "training": json.dumps(self.training),
@@ -102,30 +100,17 @@ class PolicyInfo:
 
         Raises:
             KeyError: An entry is missing.
-            TypeError: An entry has a wrong type.
-            ValueError: An entry has a wrong value.
+            ValueError: An entry has a wrong type or value.
         """
-        if metadata["distribution"] not in _DISTRIBUTIONS:
-            raise ValueError(f"unknown distribution {metadata['distribution']!r}")
-        observation: list[dict[str, Any]]
-        action: list[dict[str, Any]]
-        observation, action = (
-            [{key: tuple(value) if isinstance(value, list) else value for key, value in item.items()} for item in items]
-            for items in (json.loads(metadata["observation"]), json.loads(metadata["action"]))
-        )
-        return cls(
-            policy=metadata["policy"],
-            agents=tuple(json.loads(metadata["agents"])),
-            task=metadata["task"],
-            observation=tuple(ObservedElement(**item) for item in observation),
-            action=tuple(CommandedElement(**item) for item in action),
-            distribution=metadata["distribution"],  # type: ignore[arg-type]
-            step_size=float(metadata["step_size"]),
-            configuration=json.loads(metadata["configuration"]),
-            training=json.loads(metadata["training"]),
-            version=metadata["safe_inspect"],
-            state={name: int(size) for name, size in json.loads(metadata.get("state", "{}")).items()},
-        )
+        content: dict[str, Any] = {name: metadata[name] for name in ("task", "policy", "distribution")}
+        content |= {name: json.loads(metadata[name]) for name in _JSON}
+        content |= {"version": metadata["safe_inspect"], "state": json.loads(metadata.get("state", "{}"))}
+        return _INFO.validate_python(content)
+
+
+#: Entries of the metadata whose text is JSON.
+_JSON = ("agents", "observation", "action", "step_size", "training", "configuration")
+_INFO = TypeAdapter(PolicyInfo)
 
 
 def seal(content: bytes) -> bytes:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -231,11 +230,6 @@ def _raw(glue: Glue) -> Glue:
         fields = {name: getattr(glue, name) for name in type(glue).model_fields}
         return type(glue)(**{**fields, "wrapped": tuple(_raw(inner) for inner in glue.wrapped)})
     return glue
-
-
-def plain_elements(elements: Iterable[ObservedElement | CommandedElement]) -> list[dict[str, Any]]:
-    """Return elements as dictionaries for JSON."""
-    return [asdict(element) for element in elements]
 
 
 def element_columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:

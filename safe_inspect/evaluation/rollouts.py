@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher,
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.planning.record import Entry
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import BoolArray, IntArray
 
 #: Number of rows of the smallest part of a batch; fewer rows do not take less time.
 _LEAST_ROWS = 16
@@ -121,12 +119,8 @@ def _fly_batch(
     environment.observes_coasting = not dispatcher.selective
     while collector.running.any():
         part, rows, running = flying_rows.part, flying_rows.rows, collector.running[flying_rows.rows]
-        if dispatcher.selective:
-            asked = [due & running[:, None] for due in part.due()]
-            actions = dispatcher.decide(observations, asked, rows, step)
-        else:
-            actions = dispatcher(observations, running)
-        transition = part.step(actions)
+        asked = [due & running[:, None] for due in part.due()]
+        transition = part.step(dispatcher(observations, asked, rows, step))
         step += 1
         observations = tuple(
             found.observation
@@ -214,45 +208,9 @@ def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, 
     return _fly_batch(environment, flying, first_slot=episode, recorded=1)[1][0]
 
 
-@dataclass(frozen=True, eq=False)
-class FlownSlots:
-    """Recorded episodes of E environment slots.
-
-    Attributes:
-        key: Random key of each episode, uint64, shape (E,).
-        success: Whether each episode was won, shape (E,).
-        delta_v: Velocity change spent, mean over the deputies [m/s], shape (E,).
-        steps: Number of steps, shape (E,).
-        inspected: Number of points inspected, shape (E,).
-        trajectories: The episodes.
-    """
-
-    key: IntArray
-    success: BoolArray
-    delta_v: FloatArray
-    steps: IntArray
-    inspected: IntArray
-    trajectories: list[Trajectory]
-
-    def entry(self, row: int, **more: Any) -> Entry:
-        """Return the entry of one episode for the record of a baseline.
-
-        Args:
-            row: Row of the episode.
-            more: Fields that only plans have.
-        """
-        return Entry(
-            key=int(self.key[row]),
-            success=bool(self.success[row]),
-            delta_v=float(self.delta_v[row]),
-            steps=int(self.steps[row]),
-            inspected=int(self.inspected[row]),
-            burns=_count_burns(self.trajectories[row]),
-            **more,
-        )
-
-
-def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int) -> FlownSlots:
+def fly_slots(
+    spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int
+) -> tuple[list[Entry], list[Trajectory]]:
     """Run the first episode of each of some slots, as `rollout` does.
 
     Args:
@@ -261,19 +219,26 @@ def fly_slots(spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed
         episodes: Number of slots, E.
         seed: Seed of the run.
         first_slot: The first slot.
+
+    Returns:
+        The entry of each episode for the record of a baseline, without the fields that only plans have; and the
+            recorded episodes.
     """
-    scripted = with_scripted(spec, policy)
-    environment = TeamEnvironment(scripted, episodes, seed=seed, first_slot=first_slot)
+    environment = TeamEnvironment(with_scripted(spec, policy), episodes, seed=seed, first_slot=first_slot)
     collector, trajectories = _fly_batch(environment, {}, (), first_slot, episodes)
-    found = collector.episodes(seed, trajectories)
-    return FlownSlots(
-        key=environment.state.key.copy(),
-        success=found.success,
-        delta_v=found.delta_v,
-        steps=found.length,
-        inspected=found.inspected_count,
-        trajectories=trajectories,
-    )
+    found = collector.episodes(seed)
+    entries = [
+        Entry(
+            key=int(environment.state.key[row]),
+            success=bool(found.success[row]),
+            delta_v=float(found.delta_v[row]),
+            steps=int(found.length[row]),
+            inspected=int(found.inspected_count[row]),
+            burns=_count_burns(trajectory),
+        )
+        for row, trajectory in enumerate(trajectories)
+    ]
+    return entries, trajectories
 
 
 def _count_burns(trajectory: Trajectory) -> float:

@@ -126,7 +126,8 @@ def safety_report(
     interventions, flown = np.zeros((2, len(ADVERSARIES)), dtype=np.int64)
     ends = np.zeros(4, dtype=np.int64)
     infeasible = 0
-    history = [watch.begin()]
+    history = [watch.check(watch.states())]
+    watch.violations[:] = 0  # those at the start are counted apart
     refused = int((history[0] < 0.0).any(axis=1).sum())
     for hold in range(holds):
         share = adversarial_thrust(environment.view(), hold, slots, seed)
@@ -152,10 +153,10 @@ def safety_report(
         filtered=glues[0].enabled,
         steps=holds * num_envs,
         starts_refused=refused,
-        least_at_steps=watch.least_at_steps,
-        least_between=watch.least_between,
-        violations_at_steps=watch.violations_at_steps,
-        violations_between=watch.violations_between,
+        least_at_steps=watch.least[0],
+        least_between=watch.least[1],
+        violations_at_steps=watch.violations[0],
+        violations_between=watch.violations[1],
         moments=holds * num_envs * (substeps - 1),
         interventions=interventions,
         flown=flown,
@@ -175,15 +176,16 @@ class _Watch:
         self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
         self._lit = "sun_angle" in environment.state.arrays
         self._turn = world.sun_rate * world.step_size / substeps if self._lit else 0.0
-        self.names = tuple(glue.safety({name: array[:1] for name, array in self._states().items()}))
-        count = len(self.names)
-        self.least_at_steps, self.least_between = np.full((2, count), np.inf)
-        self.violations_at_steps, self.violations_between = np.zeros((2, count), dtype=np.int64)
+        self.names = tuple(glue.safety({name: array[:1] for name, array in self.states().items()}))
+        # In the first row at the steps, in the second one between them.
+        self.least = np.full((2, len(self.names)), np.inf)
+        self.violations = np.zeros((2, len(self.names)), dtype=np.int64)
 
-    def begin(self) -> AnyArray:
-        """Check the initial states and return their safety quantities, shape (N, C)."""
-        phi = self._phi(self._states())
-        self.least_at_steps = np.minimum(self.least_at_steps, phi.min(axis=0))
+    def check(self, states: dict[str, FloatArray], *, between: bool = False) -> AnyArray:
+        """Check states and return their safety quantities, shape (N, C)."""
+        phi = np.stack(list(self._glue.safety(states).values()), axis=1)
+        self.least[int(between)] = np.minimum(self.least[int(between)], phi.min(axis=0))
+        self.violations[int(between)] += (phi < 0.0).sum(axis=0)
         return phi.astype(np.float32)
 
     def end(self, control: FloatArray) -> AnyArray:
@@ -194,21 +196,14 @@ class _Watch:
         for part in range(1, self._substeps):
             propagate(position, velocity, acceleration, *self._part, position, velocity)
             sun = {"sun_angle": before.sun_angle + part * self._turn} if self._lit else {}
-            phi = self._phi({"position": position, "velocity": velocity, **sun})
-            self.least_between = np.minimum(self.least_between, phi.min(axis=0))
-            self.violations_between += (phi < 0.0).sum(axis=0)
-        phi = self._phi(self._states())
-        self.least_at_steps = np.minimum(self.least_at_steps, phi.min(axis=0))
-        self.violations_at_steps += (phi < 0.0).sum(axis=0)
-        return phi.astype(np.float32)
+            self.check({"position": position, "velocity": velocity, **sun}, between=True)
+        return self.check(self.states())
 
-    def _states(self) -> dict[str, FloatArray]:
+    def states(self) -> dict[str, FloatArray]:
+        """Return the current states by name, as the safety glue takes them."""
         state = self._environment.state
         sun = {"sun_angle": state.sun_angle} if self._lit else {}
         return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], **sun}
-
-    def _phi(self, states: dict[str, FloatArray]) -> FloatArray:
-        return np.stack(list(self._glue.safety(states).values()), axis=1)
 
 
 @dataclass(frozen=True, eq=False)

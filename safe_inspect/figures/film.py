@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.figures.drawing import clock, deputy_line, radius_of, reach_of, style
-from safe_inspect.figures.film_views import ApproachView, ChiefView, Moment, SideView, moment
+from safe_inspect.figures.film_views import ApproachView, ChiefView, Moment, moment
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.geometry.picture import (
@@ -64,7 +64,8 @@ class Film(Pictures):
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
         self._canvas = FigureCanvasAgg(figure)
         self._build_scene(figure)
-        self._side: SideView = (ChiefView if self._inspects else ApproachView)(figure, self.episode)
+        view = ChiefView if self._inspects else ApproachView
+        self._side: ChiefView | ApproachView = view(figure, self.episode)
         self._build_panels(figure)
 
     def _build_scene(self, figure: Any) -> None:

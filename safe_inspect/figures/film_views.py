@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
 from safe_inspect.evaluation.episodes import Trajectory
@@ -47,21 +48,12 @@ def moment(episode: Trajectory, time: float) -> Moment:
     """
     time = float(np.clip(time, episode.time[0], episode.time[-1]))
     row = int(np.clip(np.searchsorted(episode.time, time, side="right") - 1, 0, len(episode.time) - 2))
-    step = float(episode.time[row + 1] - episode.time[row])
-    u = (time - float(episode.time[row])) / step
-    here, there = episode.position[row], episode.position[row + 1]
-    leaving, arriving = step * episode.velocity[row], step * episode.velocity[row + 1]
-    position = (
-        (2.0 * u**3 - 3.0 * u**2 + 1.0) * here
-        + (u**3 - 2.0 * u**2 + u) * leaving
-        + (3.0 * u**2 - 2.0 * u**3) * there
-        + (u**3 - u**2) * arriving
-    )
+    u = (time - float(episode.time[row])) / float(episode.time[row + 1] - episode.time[row])
+    between = slice(row, row + 2)
+    position = CubicHermiteSpline(episode.time[between], episode.position[between], episode.velocity[between])(time)
     points, sun, lit = episode.points, None, np.zeros(len(episode.points), dtype=np.bool_)
     if "chief_orientation" in episode.arrays:
-        first, second = continuous(
-            episode.chief_orientation[None, row : row + 2], episode.chief_orientation[None, row]
-        )[0]
+        first, second = continuous(episode.chief_orientation[None, between], episode.chief_orientation[None, row])[0]
         points = rotate(normalise((1.0 - u) * first + u * second), points)
     if "sun_angle" in episode.arrays:
         sun = sun_directions((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
@@ -71,13 +63,6 @@ def moment(episode: Trajectory, time: float) -> Moment:
 
 
 _NEAREST = 0.1  # smallest range that is drawn [m]
-
-
-class SideView(Protocol):
-    """Part of a film's pictures next to the scene."""
-
-    def show(self, now: Moment, front: Camera) -> None:
-        """Draw a moment, given the camera of the scene."""
 
 
 class ChiefView:

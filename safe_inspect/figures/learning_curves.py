@@ -14,6 +14,7 @@ import numpy as np
 from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.figures.drawing import deputy_line, style
 from safe_inspect.geometry.picture import BLUE, GREY, ORANGE
+from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -86,11 +87,7 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
     """
     columns = _read_learning_curve(progress)
     with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(8.0, 4.8), facecolor="white", layout="constrained")
-        panels = figure.subplots(2, 2, sharex=True)
-        scale, unit = _step_unit(columns[_STEPS])
+        figure, panels, scale = _new_figure((8.0, 4.8), columns[_STEPS])
         steps = columns[_STEPS] / scale
         for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
             lines = [_draw_training(axes, steps, columns[name] * factor, "training", color=BLUE)]
@@ -99,8 +96,6 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
                 look = {"color": ORANGE, "marker": "o", "linestyle": ""}
                 lines.append(_draw_training(axes, steps, evaluated * factor, "evaluation", **look))
             _label_panel(axes, label, factor, any(lines))
-        for axes in panels[1]:
-            axes.set_xlabel(f"environment steps{unit}")
         if len(panels[0, 0].get_lines()) > 1:
             panels[0, 0].legend(loc="best")
     return figure
@@ -125,12 +120,18 @@ def _label_panel(axes: Any, label: str, factor: float, drawn: bool) -> None:
         axes.set_ylim(-3, 103)
 
 
-def _step_unit(steps: FloatArray) -> tuple[float, str]:
-    """Return the number by which a figure divides steps, and the corresponding text for the axis label."""
+def _new_figure(size: tuple[float, float], steps: FloatArray) -> tuple[Figure, Any, float]:
+    """Return a figure, its panels, one for each quantity, and the number by which it divides steps."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, facecolor="white", layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True)
     largest = np.nanmax(steps, initial=0.0)
-    if largest >= 2e6:
-        return 1e6, " [millions]"
-    return (1e3, " [thousands]") if largest >= 2e3 else (1.0, "")
+    units = ((2e6, 1e6, " [millions]"), (2e3, 1e3, " [thousands]"), (-np.inf, 1.0, ""))
+    scale, unit = next((scale, unit) for least, scale, unit in units if largest >= least)
+    for axes in panels[1]:
+        axes.set_xlabel(f"environment steps{unit}")
+    return figure, panels, scale
 
 
 @dataclass(frozen=True)
@@ -153,14 +154,8 @@ class _Band:
 
 
 def _centre_of(values: FloatArray, centre: Centre) -> FloatArray:
-    """Return the centre over the second to last axis, shape (..., S), of values of shape (..., K, S).
-
-    The interquartile mean excludes floor(K / 4) of the sorted values at each end.
-    """
-    if centre == "iqm":
-        cut = values.shape[-2] // 4
-        values = np.sort(values, axis=-2)[..., cut : values.shape[-2] - cut, :]
-    return np.asarray(values.mean(axis=-2))
+    """Return the centre over the second to last axis, shape (..., S), of values of shape (..., K, S)."""
+    return np.asarray((interquartile_mean if centre == "iqm" else np.mean)(values, axis=-2))
 
 
 def _band(curves: Sequence[tuple[FloatArray, FloatArray]], centre: Centre = "mean") -> _Band:
@@ -176,8 +171,8 @@ def _band(curves: Sequence[tuple[FloatArray, FloatArray]], centre: Centre = "mea
     known = [(steps[np.isfinite(values)], values[np.isfinite(values)]) for steps, values in curves]
     known = [(steps, values) for steps, values in known if len(steps)]
     if not known:
-        empty = np.empty(0)
-        return _Band(empty, empty, empty, empty, np.empty(0, dtype=np.int64))
+        nothing = np.empty(0)
+        return _Band(nothing, nothing, nothing, nothing, np.empty(0, dtype=np.int64))
     first, last = min(steps[0] for steps, _ in known), max(steps[-1] for steps, _ in known)
     ends = np.unique([end for steps, _ in known for end in (steps[0], steps[-1])])  # where a curve starts or ends
     grid = np.unique(np.concatenate((np.linspace(first, last, _POINTS), ends)))
@@ -220,11 +215,8 @@ def curves_figure(
         raise SafeInspectError("no learning curves: give the folders of trainings")
     columns = {label: [_read_learning_curve(path) for path in paths] for label, paths in recipes.items()}
     with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(9.0, 5.8), facecolor="white", layout="constrained")
-        panels = figure.subplots(2, 2, sharex=True)
-        scale, unit = _step_unit(np.concatenate([run[_STEPS] for runs in columns.values() for run in runs]))
+        every = np.concatenate([run[_STEPS] for runs in columns.values() for run in runs])
+        figure, panels, scale = _new_figure((9.0, 5.8), every)
         for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
             drawn = [
                 _draw_recipe(axes, runs, name, factor, scale, centre, each, deputy_line(index))
@@ -232,8 +224,6 @@ def curves_figure(
             ]
             _label_panel(axes, label, factor, any(drawn))
         panels[1, 1].set_ylim(0.0, None)
-        for axes in panels[1]:
-            axes.set_xlabel(f"environment steps{unit}")
         _draw_legend(figure, columns, centre)
     return figure
 
@@ -273,14 +263,10 @@ def _curve(steps: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArra
 def _draw_legend(figure: Figure, columns: Mapping[str, Sequence[Any]], centre: Centre) -> None:
     from matplotlib.lines import Line2D
 
-    handles, labels = [], []
-    for index, (label, runs) in enumerate(columns.items()):
-        seeds = f" ({len(runs)} seeds)" if len(runs) > 1 else ""
-        labels.append(f"{label}{seeds}")
-        handles.append(Line2D([], [], linewidth=2.0, label=labels[-1], **deputy_line(index)))
-    title = f"{_CENTRES[centre]} over the seeds, with its 95 % bootstrap interval"
-    if all(len(runs) < 2 for runs in columns.values()):
-        title = ""
-    widest = max(map(len, labels))
-    place: Any = {"loc": "outside upper left", "ncols": max(1, min(4, 110 // (widest + 6))), "alignment": "left"}
-    figure.legend(handles=handles, title=title or None, title_fontsize=8.5, **place)
+    several = any(len(runs) > 1 for runs in columns.values())
+    title = f"{_CENTRES[centre]} over the seeds, with its 95 % bootstrap interval" if several else None
+    labels = [f"{label} ({len(runs)} seeds)" if len(runs) > 1 else label for label, runs in columns.items()]
+    handles = [Line2D([], [], linewidth=2.0, label=label, **deputy_line(i)) for i, label in enumerate(labels)]
+    columns_fit = max(1, min(4, 110 // (max(map(len, labels)) + 6)))
+    place: Any = {"loc": "outside upper left", "ncols": columns_fit, "alignment": "left"}
+    figure.legend(handles=handles, title=title, title_fontsize=8.5, **place)

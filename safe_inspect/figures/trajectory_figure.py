@@ -144,9 +144,12 @@ def _draw_times(figure: Figure, episode: Trajectory) -> None:
     scale, unit = clock(episode)
     time = episode.time / scale
     panels: list[Any] = [figure.add_axes((_LEFT, bottom, _WIDTH, height)) for bottom, height in _PLACES]
-    (_draw_coverage if len(episode.points) else _draw_delta_v)(panels[0], episode, time)
-    for index in range(len(episode.deputies)):
-        panels[1].plot(time, episode.range[:, index], **deputy_line(index))
+    if len(episode.points):
+        _draw_coverage(panels[0], episode, time)
+    else:
+        _draw_each(panels[0], time, episode.delta_v)
+        panels[0].set(ylabel="delta-v\n[m/s]", ylim=(0, None))
+    _draw_each(panels[1], time, episode.range)
     near = episode.range <= reach_of(episode)
     panels[1].set(ylabel="range\n[m]", ylim=(0, None if near.all() else 1.05 * reach_of(episode)))
     _draw_speed(panels[2], episode, time)
@@ -179,10 +182,10 @@ def _draw_coverage(axes: Any, episode: Trajectory, time: FloatArray) -> None:
     axes.set(ylabel="inspected\n[%]", ylim=(0, 104), yticks=(0, 50, 100))
 
 
-def _draw_delta_v(axes: Any, episode: Trajectory, time: FloatArray) -> None:
-    for index in range(len(episode.deputies)):
-        axes.plot(time, episode.delta_v[:, index], **deputy_line(index))
-    axes.set(ylabel="delta-v\n[m/s]", ylim=(0, None))
+def _draw_each(axes: Any, time: FloatArray, values: FloatArray) -> None:
+    """Draw a line for each deputy; the values have the shape (T + 1, D)."""
+    for index in range(values.shape[1]):
+        axes.plot(time, values[:, index], **deputy_line(index))
 
 
 def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:

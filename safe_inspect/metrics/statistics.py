@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -25,16 +25,31 @@ _BATCH = 4_000_000
 class Interval:
     """A confidence interval, NaN if there are too few values."""
 
-    low: float
-    high: float
+    low: float = math.nan
+    high: float = math.nan
 
     def as_list(self) -> list[float | None]:
         """Return both ends for JSON; None for unknown ones."""
-        return [known(self.low), known(self.high)]
+        return [_plain(self.low), _plain(self.high)]
+
+
+class _Figures:
+    """Base class of dataclasses of figures."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers for JSON; None for unknown ones."""
+        return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}  # type: ignore[arg-type]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value for JSON: an interval as a list, and None for a number that is not finite."""
+    if isinstance(value, Interval):
+        return value.as_list()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(_Figures):
     """Estimate of one quantity over many episodes; NaN if there is no value.
 
     Attributes:
@@ -59,19 +74,6 @@ class Estimate:
     maximum: float
     unit: str = "-"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers for JSON; None for unknown ones."""
-        content: dict[str, Any] = {}
-        for name, value in asdict(self).items():
-            content[name] = known(value) if isinstance(value, float) else value
-        content["mean_interval"], content["iqm_interval"] = self.mean_interval.as_list(), self.iqm_interval.as_list()
-        return content
-
-
-def known(value: float) -> float | None:
-    """Return a number for JSON, or None if it is not finite."""
-    return float(value) if math.isfinite(value) else None
-
 
 def interquartile_mean(values: AnyArray, axis: int = -1) -> Any:
     """Return the mean of the middle half: of n sorted values, floor(n / 4) are discarded at each end."""
@@ -81,12 +83,7 @@ def interquartile_mean(values: AnyArray, axis: int = -1) -> Any:
 
 
 def bootstrap(
-    strata: Sequence[FloatArray],
-    statistic: Callable[..., Any],
-    *,
-    resamples: int = RESAMPLES,
-    level: float = LEVEL,
-    seed: int = SEED,
+    strata: Sequence[FloatArray], statistic: Callable[..., Any], *, resamples: int = RESAMPLES, seed: int = SEED
 ) -> Interval:
     """Return the percentile interval of a statistic by a stratified bootstrap: each stratum is resampled separately.
 
@@ -95,23 +92,19 @@ def bootstrap(
             usual bootstrap.
         statistic: Function from all values and the keyword `axis` to the statistic along that axis.
         resamples: Number of resamples.
-        level: Confidence level.
         seed: Seed of the resampling.
     """
     strata = [np.asarray(values, dtype=np.float64) for values in strata if len(values)]
     count = sum(map(len, strata))
     if count < 2:
-        return Interval(math.nan, math.nan)
+        return Interval()
     whole = np.concatenate(strata)
     if (whole == whole[0]).all():
         return Interval(float(whole[0]), float(whole[0]))
-    if any(len(values) < 2 for values in strata):  # SciPy does not resample a single value
-        fixed = np.concatenate([values for values in strata if len(values) < 2])
-        strata = [values for values in strata if len(values) > 1]
-        if not strata:
-            return Interval(math.nan, math.nan)
-    else:
-        fixed = np.empty(0)
+    fixed = np.concatenate([np.empty(0), *(values for values in strata if len(values) < 2)])
+    strata = [values for values in strata if len(values) > 1]  # SciPy does not resample a single value
+    if not strata:
+        return Interval()
     from scipy.stats import bootstrap as resample
 
     def together(*parts: FloatArray, axis: int) -> Any:
@@ -126,43 +119,41 @@ def bootstrap(
         vectorized=True,
         paired=False,
         axis=-1,
-        confidence_level=level,
+        confidence_level=LEVEL,
         method="percentile",
         random_state=np.random.default_rng(seed),
     ).confidence_interval
     return Interval(float(found.low), float(found.high))
 
 
-def estimate(values: AnyArray | Sequence[AnyArray], unit: str = "-", *, seed: int = SEED) -> Estimate:
+def estimate(values: AnyArray | Sequence[AnyArray], unit: str = "-") -> Estimate:
     """Return the estimate of a quantity.
 
     Args:
         values: The value of each episode, NaN if it has none, shape (E,); or a sequence of such arrays, one for each
             stratum.
         unit: Unit of the quantity.
-        seed: Seed of the resampling.
     """
     parts = [values] if isinstance(values, np.ndarray) else list(values)
     strata = [np.asarray(part, dtype=np.float64) for part in parts]
     strata = [part[~np.isnan(part)] for part in strata]
     whole = np.concatenate(strata) if strata else np.empty(0)
-    nothing = Interval(math.nan, math.nan)
     if not len(whole):
-        return Estimate(0, math.nan, math.nan, nothing, math.nan, nothing, math.nan, math.nan, unit)
+        return Estimate(0, math.nan, math.nan, Interval(), math.nan, Interval(), math.nan, math.nan, unit)
     return Estimate(
         count=len(whole),
         mean=float(whole.mean()),
         standard_deviation=float(whole.std(ddof=1)) if len(whole) > 1 else math.nan,
-        mean_interval=bootstrap(strata, np.mean, seed=seed),
+        mean_interval=bootstrap(strata, np.mean),
         iqm=float(interquartile_mean(whole)),
-        iqm_interval=bootstrap(strata, interquartile_mean, seed=seed),
+        iqm_interval=bootstrap(strata, interquartile_mean),
         minimum=float(whole.min()),
         maximum=float(whole.max()),
         unit=unit,
     )
 
 
-def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
+def wilson(successes: int, trials: int) -> Interval:
     """Return Wilson's score interval of a success rate.
 
     Source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference", 1927.
@@ -170,13 +161,13 @@ def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
     from scipy.stats import binomtest
 
     if trials < 1:
-        return Interval(math.nan, math.nan)
-    found = binomtest(successes, trials).proportion_ci(level, method="wilson")
+        return Interval()
+    found = binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
     return Interval(float(found.low), float(found.high))
 
 
 @dataclass(frozen=True)
-class Difference:
+class Difference(_Figures):
     """Difference of a quantity between two evaluations, episode by episode.
 
     Attributes:
@@ -206,16 +197,8 @@ class Difference:
             return "lower"
         return "higher" if self.interval.low > 0.0 else ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain numbers for JSON; None for unknown ones."""
-        content: dict[str, Any] = {}
-        for name, value in asdict(self).items():
-            content[name] = known(value) if isinstance(value, float) else value
-        content["interval"], content["iqm_interval"] = self.interval.as_list(), self.iqm_interval.as_list()
-        return content
 
-
-def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-", *, seed: int = SEED) -> Difference:
+def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-") -> Difference:
     """Return the difference of a quantity, `one` - `other`, of the same episodes, shape (E,).
 
     Raises:
@@ -225,16 +208,8 @@ def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-", *, seed: 
         raise ValueError(f"paired values must have the same shape, not {one.shape} and {other.shape}")
     apart = np.asarray(one, dtype=np.float64) - np.asarray(other, dtype=np.float64)
     apart = apart[~np.isnan(apart)]
-    if not len(apart):
-        nothing = Interval(math.nan, math.nan)
-        return Difference(0, math.nan, nothing, math.nan, nothing, math.nan, math.nan, unit)
+    found = estimate(apart, unit)
+    smaller, larger = (float(side.mean()) if found.count else math.nan for side in (apart < 0.0, apart > 0.0))
     return Difference(
-        count=len(apart),
-        mean=float(apart.mean()),
-        interval=bootstrap([apart], np.mean, seed=seed),
-        iqm=float(interquartile_mean(apart)),
-        iqm_interval=bootstrap([apart], interquartile_mean, seed=seed),
-        smaller=float((apart < 0.0).mean()),
-        larger=float((apart > 0.0).mean()),
-        unit=unit,
+        found.count, found.mean, found.mean_interval, found.iqm, found.iqm_interval, smaller, larger, unit
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.outputs import new_file
 
 _FORMAT = 1
+#: Fields of an entry that are columns of the file as they are.
+_COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "own")
 
 
 class Burn(BaseModel):
@@ -102,27 +104,19 @@ class Record:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the file."""
-        rows = [asdict(entry) for entry in self.entries]
-        columns = {name: [row[name] for row in rows] for name in ("success", "steps", "inspected", "burns")}
-        optimised = self.kind == "optimiser"
+        entries, optimised = self.entries, self.kind == "optimiser"
         return {
             "format": _FORMAT,
             "kind": self.kind,
             "seed": self.seed,
-            "episodes": len(rows),
+            "episodes": len(entries),
             "effort": self.effort,
             # A plan that fails is no reference for the cost of a success.
-            "delta_v": [row["delta_v"] if row["success"] or not optimised else None for row in rows],
-            "spent": [row["delta_v"] for row in rows],
-            **columns,
-            "planned": [row["planned"] for row in rows],
-            "inspector": [row["inspector"] for row in rows],
-            "own": [row["own"] for row in rows],
-            "keys": [f"{entry.key:016x}" for entry in self.entries],
-            "plans": [
-                None if entry.plan is None else [burn.model_dump(mode="json") for burn in entry.plan]
-                for entry in self.entries
-            ],
+            "delta_v": [entry.delta_v if entry.success or not optimised else None for entry in entries],
+            "spent": [entry.delta_v for entry in entries],
+            **{name: [getattr(entry, name) for entry in entries] for name in _COLUMNS},
+            "keys": [f"{entry.key:016x}" for entry in entries],
+            "plans": [None if entry.plan is None else _PLAN.dump_python(entry.plan, mode="json") for entry in entries],
             **self.about,
             "task": self.task,
         }
@@ -154,9 +148,6 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     except (ValueError, KeyError, TypeError, IndexError, ValidationError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
         raise SafeInspectError(f"{path}: not a file of `safe-inspect baseline` ({reason}); give another file") from None
-
-
-_COLUMNS = ("success", "steps", "inspected", "burns", "planned", "inspector", "own")
 
 
 def write_record(record: Record, path: Path) -> None:

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.cli.commands import baseline, leaderboard, pilot_candidate, recording
-from safe_inspect.cli.commands.pilot_candidate import PilotCandidate, open_pilot
+from safe_inspect.cli import flights
+from safe_inspect.cli.commands import baseline, leaderboard, recording
+from safe_inspect.cli.flights import PilotCandidate, open_pilot
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.missions import LocalFlights
@@ -55,7 +56,7 @@ def test_options_that_a_rendezvous_does_not_have(changes: dict[str, Any], source
 
 def test_the_pilot_of_an_evaluation(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     checked: list[int] = []
-    monkeypatch.setattr(pilot_candidate, "check_scenario", lambda experiment, count: checked.append(count) or ["doubt"])
+    monkeypatch.setattr(flights, "check_scenario", lambda experiment, count: checked.append(count) or ["doubt"])
     assert open_pilot(evaluation_arguments(cfg=EXPERIMENT), [], None) is None
     assert open_pilot(evaluation_arguments(cfg=None), [], None) is None
     arguments = evaluation_arguments(seed=9, workers=3)
@@ -82,7 +83,7 @@ def test_the_pilot_of_an_evaluation(monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
 def test_missions_are_flown_again_as_an_evaluation_says(monkeypatch: pytest.MonkeyPatch) -> None:
     flown: list[Any] = []
-    monkeypatch.setattr(pilot_candidate, "fly_missions", lambda *given: flown.append(given) or "episodes")
+    monkeypatch.setattr(flights, "fly_missions", lambda *given: flown.append(given) or "episodes")
     experiment = load_rendezvous(MISSION, ["seed=3"])
     record = {"task": {"rendezvous": 1}, "configuration": experiment.resolved, "configuration_file": "there.yml"}
     model: Any = SimpleNamespace(record=record)

@@ -29,11 +29,10 @@ def clock(monkeypatch):
 
 def test_a_log_file_gets_a_line_every_ten_seconds(clock):
     stream = io.StringIO()
-    bar = EpisodeBar("inspector", stream)
-    for second in range(0, 35, 5):
-        clock[0] = float(second)
-        bar.show(second, 200)
-    bar.close()
+    with EpisodeBar("inspector", stream) as bar:
+        for second in range(0, 35, 5):
+            clock[0] = float(second)
+            bar.show(second, 200)
     assert stream.getvalue().splitlines() == [
         "inspector: 0 of 200, left -",
         "inspector: 10 of 200, left 0:03:10",

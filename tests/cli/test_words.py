@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.cli import arguments, common
+from safe_inspect.cli import arguments, common, flights
 from safe_inspect.cli.commands import evaluate, figures, leaderboard, recording
 from safe_inspect.cli.common import Parser, parse_arguments, run_command
 from safe_inspect.cli.main import command_parser
@@ -235,7 +235,7 @@ def test_streams_that_are_closed_take_what_is_printed(monkeypatch: pytest.Monkey
     ],
 )  # fmt: skip
 def test_a_label_becomes_its_own_folder(label: str, taken: list[str], name: str) -> None:
-    assert evaluate._new_name(label, taken) == name
+    assert flights._new_name(label, taken) == name
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_policy_that_flies_several_agents_is_asked_once_and_sees_the_rows_of_e
     environment = TeamEnvironment(team, 2, seed=1)
     observations = environment.reset()
     dispatcher = PolicyDispatcher(environment, {names[0]: shared, names[1]: nothing, names[2]: shared}, 5)
-    actions = dispatcher(observations, np.array([True, False]))
+    actions = dispatcher(observations, [np.array([[True] * 3, [False] * 3])], np.arange(2), 0)
     assert told == [([5, 5, 6, 6], [0, 2, 0, 2])]
     np.testing.assert_array_equal(seen, [observations[0][:, [0, 2]].reshape(4, -1)])
     np.testing.assert_array_equal(actions[0], [[[0, 1, 2], [0, 0, 0], [3, 4, 5]], np.zeros((3, 3))])

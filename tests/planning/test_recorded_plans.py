@@ -45,13 +45,13 @@ def _optimised(task: str) -> Plans:
 
 
 def _inspected(task: str, **options: Any) -> Plans:
-    flown = fly_slots(load_spec(f"safe_inspect/{task}"), NaturalMotionInspector(**options), 2, SEED, 0)
-    numbers = [*flown.steps, *flown.inspected]
-    for trajectory in flown.trajectories:
+    entries, flown = fly_slots(load_spec(f"safe_inspect/{task}"), NaturalMotionInspector(**options), 2, SEED, 0)
+    numbers = [*(entry.steps for entry in entries), *(entry.inspected for entry in entries)]
+    for trajectory in flown:
         control = trajectory.control
         weights = 1.0 + np.arange(control.size).reshape(control.shape) % 97
         numbers += [np.count_nonzero(control), (control * weights).sum(), *trajectory.position[-1].ravel()]
-    return Plans(flown.delta_v.tolist(), [float(number) for number in numbers])
+    return Plans([entry.delta_v for entry in entries], [float(number) for number in numbers])
 
 
 PLANS: dict[str, Callable[[], Plans]] = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from safe_inspect.cli.arguments import positive, seed
@@ -63,21 +62,18 @@ def run_baseline(arguments: argparse.Namespace) -> int:
             "overrides": list(arguments.overrides),
         },
     )
-    bar = EpisodeBar(kind, sys.stderr)
     try:
-        record = complete(
-            spec, asked, arguments.episodes, path=arguments.output, force=arguments.force, progress=bar.show
-        )
+        with EpisodeBar(kind) as bar:
+            record = complete(
+                spec, asked, arguments.episodes, path=arguments.output, force=arguments.force, progress=bar.show
+            )
     except KeyboardInterrupt as stop:
         if arguments.output is not None:
             stop.add_note("the same command continues from there")
         raise
     except UnwrittenRecordError as unwritten:
-        bar.close()
         print(baseline_table(unwritten.record))
         raise
-    finally:
-        bar.close()
     print(baseline_table(record))
     if arguments.output is not None:
         print(f"the episodes are in {arguments.output}")

@@ -170,11 +170,8 @@ def _documented(cls: type[Plugin]) -> dict[str, str]:
     """Return the descriptions of the fields in the docstrings of a class and its bases; the class has precedence."""
     texts: dict[str, str] = {}
     for parent in cls.__mro__:
-        text = (vars(parent).get("__doc__") or "").partition("Attributes:")[2]
-        text = re.split(r"\n\n", text.lstrip("\n"), maxsplit=1)[0]
-        for field, about in _FIELD.findall(inspect.cleandoc("x\n" + text).removeprefix("x\n").replace("\n", "\n    ")):
-            texts.setdefault(field, " ".join(about.split()))
-        for field, about in re.findall(r"^\s+(\w+): (.*(?:\n\s{12,}.*)*)", text, re.MULTILINE):
+        text = inspect.cleandoc(vars(parent).get("__doc__") or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+        for field, about in _FIELD.findall(text):
             texts.setdefault(field, " ".join(about.split()))
     return texts
 

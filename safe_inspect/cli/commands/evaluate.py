@@ -4,55 +4,27 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
-import shlex
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeAlias
 
 from safe_inspect.cli.arguments import add_output_folder, positive, seed
-from safe_inspect.cli.commands.pilot_candidate import NUM_ENVS, PilotCandidate, open_pilot
-from safe_inspect.cli.common import equals_hint, is_override
-from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.common import equals_hint, is_override, refuse_options
+from safe_inspect.cli.flights import NUM_ENVS, AnyCandidate, fly_candidates, open_pilot
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.baselines import read_reference
-from safe_inspect.evaluation.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.policies import BASELINES
-from safe_inspect.evaluation.results.files import (
-    is_evaluation,
-    read_evaluation,
-    sha256,
-    write_evaluation,
-    write_json,
-)
+from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, write_json
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import compare, evaluation_table, pooled_table
 from safe_inspect.evaluation.task import read_metrics
-from safe_inspect.experiments.files.run_folder import git_commit
-from safe_inspect.experiments.modules.sources import (
-    DEFAULT_TASK,
-    SHIPPED,
-    Candidate,
-    Wanted,
-    is_scripted,
-    open_candidates,
-)
+from safe_inspect.experiments.modules.sources import DEFAULT_TASK, SHIPPED, Wanted, is_scripted, open_candidates
 from safe_inspect.metrics import BaseMetric
-from safe_inspect.outputs import check_new_folder, check_writable, new_folder
-from safe_inspect.plugins.functor import describe
+from safe_inspect.outputs import check_writable
 from safe_inspect.rendezvous.experiment import is_rendezvous
 from safe_inspect.types import FloatArray
-from safe_inspect.version import __version__
-
-_Candidate: TypeAlias = Candidate | PilotCandidate
-
-#: Entries that may differ between an interrupted evaluation and its continuation.
-_VOLATILE = {"date", "command"}
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +34,6 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         "policy (see `safe-inspect list policies`); none for a rendezvous, which its pilot flies; KEY=VALUE replaces a "
         "value of the configuration",
     )  # fmt: skip
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     _add_flight_arguments(parser)
     add_output_folder(parser, "the results")
     parser.add_argument("--record", type=positive, metavar="N", help="record the trajectories of the first N episodes")
@@ -75,13 +46,13 @@ def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
         "words", nargs="*", metavar="SOURCE", help="folder of an evaluation, or a source of `evaluate`, which "
         "is run on the episodes of the first evaluation; every source is compared with the first",
     )  # fmt: skip
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     _add_flight_arguments(parser)
     add_output_folder(parser, "the evaluations that are flown")
     parser.set_defaults(overrides=[], record=None)
 
 
 def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
     parser.add_argument(
         "--cfg",
         metavar="FILE",
@@ -209,11 +180,12 @@ def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: 
                 raise SafeInspectError(
                     f"--{name} {wanted}: {text} has --{name} {flown} and is not evaluated again; leave it out"
                 )
-    options = {"--metric": arguments.metric, "--cfg": arguments.cfg, "--reference": arguments.reference}
+    options = {
+        "--metric": arguments.metric, "--cfg": arguments.cfg, "--reference": arguments.reference,
+        "KEY=VALUE": arguments.overrides,
+    }  # fmt: skip
     if len(found) == len(sources):
-        for option, given in (options | {"KEY=VALUE": arguments.overrides}).items():
-            if given:
-                raise SafeInspectError(f"{option} has no effect, as all sources are evaluations already; remove it")
+        refuse_options(options, "has no effect, as all sources are evaluations already")
 
 
 def _sources(arguments: argparse.Namespace) -> list[str]:
@@ -230,7 +202,7 @@ def _sources(arguments: argparse.Namespace) -> list[str]:
 
 def _prepared(
     arguments: argparse.Namespace, sources: Sequence[str], model: Evaluation | None
-) -> tuple[Sequence[_Candidate], list[BaseMetric], FloatArray | None]:
+) -> tuple[Sequence[AnyCandidate], list[BaseMetric], FloatArray | None]:
     """Check everything that can be wrong before an episode starts; return candidates, metrics and the reference."""
     metrics = read_metrics(arguments.metric)
     pilot = open_pilot(arguments, sources, model)
@@ -247,98 +219,3 @@ def _prepared(
     for candidate in candidates if arguments.reference is not None else ():
         reference = read_reference(arguments.reference, arguments.seed, arguments.episodes, candidate.task)
     return candidates, metrics, reference
-
-
-def fly_candidates(
-    arguments: argparse.Namespace,
-    candidates: Sequence[_Candidate],
-    metrics: Sequence[BaseMetric],
-    reference: FloatArray | None,
-    show: Callable[[Sequence[Evaluation]], None] | None = None,
-) -> list[Evaluation]:
-    """Run the episodes of candidates, and write their evaluations into the folder of ``--output``.
-
-    If an earlier call with the same arguments was interrupted, it is continued from the episodes that were stored.
-
-    Args:
-        arguments: Arguments of `evaluate`.
-        candidates: The policies to evaluate.
-        metrics: Additional metrics.
-        reference: Delta-v of the open-loop optimum of every episode [m/s].
-        show: Function that is called with the evaluations before they are written, in case the disk is full.
-    """
-    output = arguments.output
-    if output is not None:
-        check_new_folder(output, arguments.command, force=arguments.force)
-    flights: dict[str, tuple[_Candidate, list[BaseMetric], Mapping[str, Any]]] = {}
-    for candidate in candidates:
-        measured = candidate.measured(metrics)
-        flights[_new_name(candidate.label, flights)] = candidate, measured, _record(arguments, candidate, measured)
-    count = arguments.episodes * len(flights)
-    found: list[Evaluation] = []
-    with ExitStack() as stack:
-        kept = [KeptEpisodes(None, name) for name in flights]
-        if output is not None:
-            records = {
-                name: {key: value for key, value in record.items() if key not in _VOLATILE}
-                for name, (_, _, record) in flights.items()
-            }
-            kept = stack.enter_context(
-                kept_episodes(output, arguments.command, records, num_envs=arguments.num_envs, force=arguments.force)
-            )
-        for (candidate, measured, record), own_kept in zip(flights.values(), kept, strict=True):
-            bar = EpisodeBar(candidate.label, sys.stderr)
-            try:
-                episodes = candidate.fly(
-                    arguments.episodes,
-                    arguments.seed,
-                    arguments.num_envs,
-                    record=arguments.record or 0,
-                    metrics=measured,
-                    progress=bar.show,
-                    kept=own_kept,
-                )
-            except KeyboardInterrupt as stop:
-                if output is None:
-                    done = arguments.episodes * len(found) + bar.done
-                    stop.add_note(f"{done:,} of {count:,} episodes were run and are lost; --output FOLDER stores them")
-                raise
-            finally:
-                bar.close()
-            found.append(Evaluation.of(candidate.label, episodes, record, reference=reference))
-        if show is not None:
-            show(found)
-        if output is not None:
-            with new_folder(output, arguments.command, force=arguments.force) as folder:
-                for name, item in zip(flights, found, strict=True):
-                    write_evaluation(item, folder if len(found) == 1 else folder / name)
-    return found
-
-
-def _new_name(label: str, taken: Collection[str]) -> str:
-    """Return a label as the name of a folder that is not used yet."""
-    name = re.sub(r"[^\w.-]+", "-", label).strip(".-") or "evaluation"
-    return next(text for text in (name, *(f"{name}-{k}" for k in range(2, len(taken) + 3))) if text not in taken)
-
-
-def _record(arguments: argparse.Namespace, candidate: _Candidate, metrics: Sequence[BaseMetric]) -> Mapping[str, Any]:
-    """Return the record that identifies an evaluation."""
-    reference = arguments.reference
-    return {
-        "safe_inspect": __version__,
-        "git_commit": git_commit(),
-        "date": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "command": shlex.join(["safe-inspect", *sys.argv[1:]]),
-        "source": candidate.source,
-        "seed": arguments.seed,
-        "episodes": arguments.episodes,
-        "sampled": arguments.sampled,
-        "recorded": arguments.record or 0,
-        "metrics": [describe(metric) for metric in metrics],
-        "reference": None if reference is None else {"path": str(reference), "sha256": sha256(reference)},
-        "price": candidate.price,
-        "task": candidate.task,
-        "configuration_file": candidate.experiment.source,
-        "overrides": list(arguments.overrides),
-        "configuration": candidate.experiment.resolved,
-    }

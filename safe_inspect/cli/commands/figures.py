@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.arguments import positive, positive_number, seed, whole_number
 from safe_inspect.cli.commands.mission_figures import (
     draw_mission,
     is_mission_source,
@@ -15,7 +15,7 @@ from safe_inspect.cli.commands.mission_figures import (
     print_mission,
     view_mission,
 )
-from safe_inspect.cli.common import add_overrides
+from safe_inspect.cli.common import add_overrides, refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
@@ -29,7 +29,6 @@ from safe_inspect.figures.film import Film
 from safe_inspect.figures.learning_curves import curves_figure
 from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.figures.pictures import find_ffmpeg, save_film
-from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 from safe_inspect.outputs import check_ending
 
@@ -108,19 +107,11 @@ def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: s
 
 
 def _number(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f"expected the number of an episode, from 0, not {text!r}")
-    return int(text)
+    return whole_number(text, "the number of an episode, from 0", most=2**31 - 1)
 
 
 def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a time above 0 in seconds, not {text!r}")
-    return value
+    return positive_number(text, "a time above 0 in seconds")
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
@@ -142,21 +133,16 @@ def run_film(arguments: argparse.Namespace) -> int:
         raise SafeInspectError("a film has 2 to 20,000 --frames, a --width of 320 to 3840 pixels and at most 100 --fps")
     if arguments.output.suffix.lower() == ".mp4":
         find_ffmpeg()
-    film: Film | MissionFilm
-    bar = EpisodeBar("pictures", sys.stderr)
-    bar.show(0, arguments.frames)
-    try:
+    with EpisodeBar("pictures") as bar:
+        bar.show(0, arguments.frames)
         if is_mission:
-            film = mission_film(arguments)
+            mission = mission_film(arguments)
+            save_film(mission, arguments.output, arguments.fps, bar.show)
         else:
             episode, _ = _episode(arguments)
             film = Film(episode, arguments.frames, arguments.width, arguments.turn)
-        save_film(film, arguments.output, arguments.fps, bar.show)
-    finally:
-        bar.close()
-    return (
-        print_mission(arguments, film.record) if isinstance(film, MissionFilm) else _report(arguments.output, episode)
-    )
+            save_film(film, arguments.output, arguments.fps, bar.show)
+    return print_mission(arguments, mission.record) if is_mission else _report(arguments.output, episode)
 
 
 def run_view(arguments: argparse.Namespace) -> int:
@@ -218,9 +204,8 @@ def _is_recording(source: Path) -> bool:
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
-    for given, option in ((arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed")):
-        if given:
-            raise SafeInspectError(f"{source}: {option} has no effect on a recorded episode; remove it")
+    options = {"--cfg": arguments.cfg, "KEY=VALUE": arguments.overrides, "--seed": arguments.seed}
+    refuse_options(options, "has no effect on a recorded episode", source=source)
     episodes = {episode.slot: episode for episode in read_trajectories(source)}
     if arguments.episode not in episodes:
         last = max(episodes, default=-1)

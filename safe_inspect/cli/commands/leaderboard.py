@@ -12,18 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.cli.arguments import positive
-from safe_inspect.cli.commands.evaluate import fly_candidates
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.flights import fly_candidates
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.evaluation.baselines import OPTIMISER, complete
 from safe_inspect.evaluation.optimiser import coverage_task
-from safe_inspect.evaluation.results.files import (
-    is_evaluation,
-    read_evaluation,
-    read_evaluation_record,
-)
+from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, read_evaluation_record
 from safe_inspect.evaluation.results.leaderboard import (
     Board,
     FlownRow,
@@ -194,9 +190,6 @@ def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     about = {"safe_inspect": __version__, "configuration_file": task, "overrides": list(entry.overrides)}
     asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(spec), about)
     path.parent.mkdir(parents=True, exist_ok=True)
-    bar = EpisodeBar(OPTIMISER, sys.stderr)
-    try:
+    with EpisodeBar(OPTIMISER) as bar:
         record = complete(spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
-    finally:
-        bar.close()
     return Standing.of_plans(entry.row, record, spec.step_size)

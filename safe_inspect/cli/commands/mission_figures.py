@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from safe_inspect.cli.common import refuse_options
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, read_evaluation_record
 from safe_inspect.evaluation.results.tables import ends
@@ -36,12 +37,9 @@ def is_mission_source(arguments: argparse.Namespace) -> bool:
             )
     elif not any((folder / name).is_file() for name in _MISSION):
         return False
-    for given, option in (
-        (arguments.cfg, "--cfg"), (arguments.overrides, "KEY=VALUE"), (arguments.seed, "--seed"),
-        (arguments.episode, "--episode"),
-    ):  # fmt: skip
-        if given:
-            raise SafeInspectError(f"{folder}: {option} has no effect on a recorded mission; remove it")
+    options = {"--cfg": arguments.cfg, "KEY=VALUE": arguments.overrides, "--seed": arguments.seed}
+    options["--episode"] = arguments.episode
+    refuse_options(options, "has no effect on a recorded mission", source=folder)
     return True
 
 

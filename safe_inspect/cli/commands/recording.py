@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 
 from safe_inspect.cli.arguments import add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
@@ -73,13 +72,9 @@ def run_record_log(arguments: argparse.Namespace) -> int:
         )
     sensors = config.sensors.model_copy(update={"frame_period": arguments.period})
     config = config.model_copy(update={"sensors": sensors})
-    bar = EpisodeBar("frames", sys.stderr)
-    try:
-        with output_folder(arguments) as folder:
-            assert folder is not None, "--output is required"
-            count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
-    finally:
-        bar.close()
+    with EpisodeBar("frames") as bar, output_folder(arguments) as folder:
+        assert folder is not None, "--output is required"
+        count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
     print(f"{count} frames are in {arguments.output}")
     return 0
 
@@ -94,13 +89,10 @@ def run_characterise(arguments: argparse.Namespace) -> int:
     front_end: FrontEnd = registry.get("front_end", name)()
     picked = None if arguments.pick is None else _picked(arguments.pick)
     above = None if picked is None else pick_point(log, *picked)
-    bar = EpisodeBar("frames", sys.stderr)
     with output_folder(arguments) as folder:
-        bar.show(0, len(log))
-        try:
+        with EpisodeBar("frames") as bar:
+            bar.show(0, len(log))
             estimate = estimate_log(log, PipelineEstimator(front_end=front_end), target, bar.show)
-        finally:
-            bar.close()
         if folder is not None:
             write_estimate(folder, log, estimate)
             save(estimate_figure(log, estimate), folder / FIGURE)

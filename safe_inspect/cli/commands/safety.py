@@ -56,12 +56,9 @@ def run_safety(arguments: argparse.Namespace) -> int:
         return _run_audit(arguments)
     _check_plot(arguments)
     experiment = _load(arguments, enabled=not arguments.off)
-    bar = EpisodeBar("steps", sys.stderr)
-    bar.show(0, arguments.steps)
-    try:
+    with EpisodeBar("steps") as bar:
+        bar.show(0, arguments.steps)
         report = safety_report(experiment.spec, arguments.steps, arguments.num_envs, arguments.seed, progress=bar.show)
-    finally:
-        bar.close()
     print(report)
     if arguments.plot is not None:
         save(safety_figure(report), arguments.plot)

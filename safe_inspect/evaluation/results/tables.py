@@ -76,19 +76,13 @@ def aligned(blocks: Sequence[Sequence[Row]]) -> list[list[str]]:
         if left_out is not None:
             gone = list(blocks[0][0]).index(left_out)
             return aligned([[[*row[:gone], *row[gone + 1 :]] for row in rows] for rows in blocks])
-    return [
-        [
-            (
-                "  "
-                + "  ".join(
-                    cell.ljust(width) if column in (0, count - 1) else cell.rjust(width)
-                    for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-                )
-            ).rstrip()
-            for row in rows
-        ]
-        for rows in blocks
-    ]
+
+    def line(row: Row) -> str:
+        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        cells[0], cells[-1] = row[0].ljust(widths[0]), row[-1]
+        return ("  " + "  ".join(cells)).rstrip()
+
+    return [[line(row) for row in rows] for rows in blocks]
 
 
 def number(value: float) -> str:
@@ -210,16 +204,14 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
         raise EvaluationError("two evaluations have the same label; give each a different label")
     for other in others:
         _check_same_episodes(first, other)
-    notes = []
-    priced = {item.record.get("price") for item in evaluations}
-    if len(priced) > 1:
-        notes.append("the rewards differ, so returns and reward terms are left out")
     figures = {
         item.label: {_SUCCESS: (item.team.status == "win").astype(np.float64), **item.team.figures}
         for item in evaluations
     }
     names = list(dict.fromkeys(name for each in figures.values() for name in each))
-    if len(priced) > 1:
+    notes = []
+    if len({item.record.get("price") for item in evaluations}) > 1:
+        notes.append("the rewards differ, so returns and reward terms are left out")
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
     estimates = {item.label: item.estimates[""] for item in evaluations}
