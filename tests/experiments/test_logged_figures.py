@@ -35,14 +35,14 @@ def config_of(smoothing: int, runners: int = 0) -> Any:
 
 def rollout_of_two() -> Rollout:
     """Return 6 steps of 2 environments with 2 agents: in the first the episode ends at 4, one agent of it at 2."""
-    rollout = Rollout([(2, 1, 1, 2)], 2, 6, np.zeros(2, dtype=np.int64), np.ones((2, 2), dtype=np.bool_))
+    rollout = Rollout([(2, 1, 1, 2)], 6, np.zeros(2, dtype=np.int64), np.ones((2, 2), dtype=np.bool_))
     no = np.zeros((2, 2), dtype=np.bool_)
     first, second = no.copy(), no.copy()
     first[1, 0] = second[0, 0] = True
-    rollout.end(0, 1, first, no)
-    rollout.end(0, 3, no, second)
-    rollout.finish(0, 4, 0, [])
-    rollout.close([np.zeros((2, 2, 1), dtype=np.float32)])
+    rollout.end(slice(2), 1, first, no)
+    rollout.end(slice(2), 3, no, second)
+    rollout.finish(0, 4, 0)
+    rollout.close(6)
     return rollout
 
 

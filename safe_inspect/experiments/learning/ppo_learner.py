@@ -30,8 +30,9 @@ from ray.rllib.utils.metrics import (
 )
 
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
+from safe_inspect.experiments.learning.ppo_kernels import Terms
 from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
+from safe_inspect.experiments.learning.ppo_training import NetTraining, joined
 from safe_inspect.experiments.modules.distributions import distribution_of_module
 from safe_inspect.experiments.sampling.callbacks import set_threads
 from safe_inspect.experiments.sampling.capabilities import capabilities
@@ -136,9 +137,9 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
     def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:
         config = self.config.get_config_for_module(name)
         terms = Terms(
-            config.clip_param,
-            config.vf_clip_param,
-            config.vf_loss_coeff,
+            float(config.clip_param),
+            float(config.vf_clip_param),
+            float(config.vf_loss_coeff),
             float(self.entropy_coeff_schedulers_per_module[name].get_current_value()),
             float(self.curr_kl_coeffs_per_module[name]) if config.use_kl_loss else 0.0,
             bool(config.use_kl_loss),
