@@ -28,7 +28,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
         Terms,
         policy_gradient,
     )  # fmt: skip
-    from safe_inspect.experiments.modules.hurdle import TorchHurdle
+    from safe_inspect.experiments.modules.distributions import TorchHurdle
 
     kind = type("Kind", (TorchHurdle,), {"numbers": 3, "choices": choices})
     torch.manual_seed(0)
@@ -58,7 +58,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
 def test_drawn_actions_have_the_density_of_torch():
     import torch
 
-    from safe_inspect.experiments.modules.hurdle import TorchHurdle
+    from safe_inspect.experiments.modules.distributions import TorchHurdle
     from safe_inspect.random.action_draws import draw_in_rollout
     from safe_inspect.random.hurdle_draws import Hurdle
 

@@ -51,7 +51,7 @@ SLOTS = (SimpleNamespace(agent="red", policy="shared"), SimpleNamespace(agent="b
 
 @pytest.mark.parametrize("several", [True, False])
 def test_steps_are_counted_for_environments_agents_and_policies(several: bool) -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_steps
+    from safe_inspect.experiments.sampling.callbacks import log_steps
 
     logger, rollout = Logger(), rollout_of_two()
     assert log_steps(logger, rollout, SLOTS if several else SLOTS[:1], 3, several) == 12
@@ -83,7 +83,7 @@ def reports() -> list[dict[str, float]]:
 
 
 def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_episodes
+    from safe_inspect.experiments.sampling.callbacks import log_episodes
 
     logger = Logger()
     log_episodes(logger, config_of(2), reports(), SLOTS[:1], False)  # the last two count
@@ -98,7 +98,7 @@ def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
 
 
 def test_episodes_of_several_agents_are_logged_for_each_and_for_each_policy() -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_episodes
+    from safe_inspect.experiments.sampling.callbacks import log_episodes
 
     logger = Logger()
     slots = (*SLOTS, SimpleNamespace(agent="green", policy="shared"))
