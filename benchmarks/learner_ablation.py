@@ -41,7 +41,7 @@ YARDSTICK = "autograd"
 @contextmanager
 def as_variant(variant: str) -> Iterator[None]:
     """Take away what a variant does without."""
-    from safe_inspect.experiments.learning import net_passes, ppo_nets
+    from safe_inspect.experiments.learning import ppo_nets
     from safe_inspect.experiments.sampling import policy_net
 
     with ExitStack() as stack:
@@ -51,7 +51,7 @@ def as_variant(variant: str) -> Iterator[None]:
             stack.enter_context(patch.object(ppo_nets, "linear_layers", lambda *_: None))
             stack.enter_context(patch.object(ppo_nets, "is_plain", lambda _: False))
         if variant == "compiled":
-            plain = net_passes.AutogradPass
+            plain = ppo_nets.AutogradPass
 
             def compiled(net: Any, parameters: Any) -> Any:
                 key = id(parameters[0])

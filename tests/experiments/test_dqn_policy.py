@@ -27,7 +27,7 @@ def _module(**settings):
 
     from safe_inspect.environments.facades.spaces import box
     from safe_inspect.environments.layout import observation_layout
-    from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
+    from safe_inspect.experiments.modules.saved_policy import DqnPolicy
 
     agent = experiment_of(discrete).spec.agents[0]
     torch.manual_seed(0)
@@ -113,7 +113,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
 
 
 def test_it_does_not_fly_with_policies_that_learn(run):
-    from safe_inspect.experiments.modules.frozen import check_frozen
+    from safe_inspect.experiments.modules.fresh_policy import check_frozen
     from safe_inspect.experiments.settings.policies import PolicySettings
 
     frozen = PolicySettings("old", ("blue0_ctrl",), checkpoint=str(find_newest(run).newest.path))
@@ -156,7 +156,7 @@ def test_the_environments_of_rllib_take_an_index():
 
 
 def test_too_many_combinations_are_refused():
-    from safe_inspect.experiments.modules.dqn_policy import choices_of
+    from safe_inspect.experiments.modules.saved_policy import choices_of
 
     with pytest.raises(ConfigError, match=r"there are 46,656 of them; use PPO"):
         choices_of({"action": str([{"levels": [0] * 6}] * 6).replace("'", '"')})

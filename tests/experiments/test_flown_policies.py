@@ -16,13 +16,12 @@ from ray.rllib.core.columns import Columns
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules import frozen, loaded_policy, policy
-from safe_inspect.experiments.modules.distributions import distribution_of, distribution_of_module
-from safe_inspect.experiments.modules.dqn_policy import BestChoices
-from safe_inspect.experiments.modules.frozen import FrozenPolicy, check_frozen, frozen_spec
-from safe_inspect.experiments.modules.hurdle import TorchHurdle
+from safe_inspect.experiments.modules import fresh_policy, loaded_policy, policy
+from safe_inspect.experiments.modules.distributions import TorchHurdle, distribution_of, distribution_of_module
+from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, check_frozen, frozen_spec
 from safe_inspect.experiments.modules.loaded_policy import LoadedPolicy, load_policy
 from safe_inspect.experiments.modules.policy import TrainedPolicy
+from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
 from safe_inspect.experiments.settings.policies import PolicySettings
 from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
@@ -287,14 +286,14 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
     with pytest.raises(CheckpointError):
         check_frozen({"old": frozen_of(checkpoint, agent)}, units)
-    read = frozen.read_weights
+    read = fresh_policy.read_weights
     for name in ("choices", "twin_q"):
 
         def marked(path: Path, name: str = name) -> Any:
             weights = read(path)
             return type(weights)(**{**vars(weights), "model": {**weights.model, name: True}})
 
-        monkeypatch.setattr(frozen, "read_weights", marked)
+        monkeypatch.setattr(fresh_policy, "read_weights", marked)
         with pytest.raises(CheckpointError, match="PPO"):
             check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
 

@@ -138,7 +138,7 @@ def test_a_level_is_chosen_by_the_first_of_the_largest_logits() -> None:
 
 
 def test_the_best_of_the_other_choices_counts_for_each_choice() -> None:
-    from safe_inspect.experiments.modules.dqn_policy import BestChoices
+    from safe_inspect.experiments.modules.saved_policy import BestChoices
 
     values = np.random.default_rng(1).normal(size=(5, 12)).astype(np.float32)
     table = values.reshape(5, 2, 3, 2)

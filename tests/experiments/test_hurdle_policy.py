@@ -19,9 +19,16 @@ STEPS = configs_root() / "translational-inspection" / "experiment-seed.yml"
 def test_the_loss_and_its_gradient_are_those_of_torch(choices):
     import torch
 
-    from safe_inspect.experiments.learning.hurdle_kernel import hurdle_gradient
-    from safe_inspect.experiments.learning.ppo_kernels import ENTROPY, KL, SURROGATE
-    from safe_inspect.experiments.modules.hurdle import TorchHurdle
+    from safe_inspect.experiments.learning.ppo_kernels import (
+        ENTROPY,
+        KL,
+        SURROGATE,
+        Form,
+        Sampled,
+        Terms,
+        policy_gradient,
+    )  # fmt: skip
+    from safe_inspect.experiments.modules.distributions import TorchHurdle
 
     kind = type("Kind", (TorchHurdle,), {"numbers": 3, "choices": choices})
     torch.manual_seed(0)
@@ -39,10 +46,10 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
     entropy, divergence = new.entropy(), kind(old[7:55]).kl(new)
     (-surrogate - 0.03 * entropy + 0.2 * divergence).mean().backward()
     gradient, sums = np.empty(inputs.shape), np.empty(3)
-    hurdle_gradient(
-        rows, inputs.detach().numpy(), (3, choices), actions.numpy(), old.numpy(), old_log.numpy(),
-        advantages.numpy(), 0.2, 0.03, 0.2, gradient, sums,
-    )  # fmt: skip
+    form = Form(1, np.array([choices] if choices else [], dtype=np.int64))
+    sampled = Sampled(actions.numpy(), old.numpy(), old_log.numpy(), advantages.numpy())
+    terms = Terms(0.2, 1.0, 1.0, 0.03, 0.2, True)
+    policy_gradient(rows, inputs.detach().numpy(), form, sampled, terms, gradient, sums)
     np.testing.assert_allclose(gradient, inputs.grad.numpy(), atol=1e-12)
     for place, wanted in ((SURROGATE, surrogate), (ENTROPY, entropy), (KL, divergence)):
         assert sums[place] == pytest.approx(float(wanted.detach().sum()), abs=1e-9)
@@ -51,7 +58,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
 def test_drawn_actions_have_the_density_of_torch():
     import torch
 
-    from safe_inspect.experiments.modules.hurdle import TorchHurdle
+    from safe_inspect.experiments.modules.distributions import TorchHurdle
     from safe_inspect.random.action_draws import draw_in_rollout
     from safe_inspect.random.hurdle_draws import Hurdle
 

@@ -17,7 +17,7 @@ from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussi
 
 from safe_inspect.experiments.learning import ppo_learner
 from safe_inspect.experiments.learning.ppo_batch import batches_of, minibatches
-from safe_inspect.experiments.learning.ppo_training import Terms
+from safe_inspect.experiments.learning.ppo_kernels import Terms
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
 from safe_inspect.experiments.settings.capabilities import Capabilities
 

@@ -13,14 +13,14 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from safe_inspect.experiments.learning import ppo_learner
-from safe_inspect.experiments.learning.net_passes import AutogradPass
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
-from safe_inspect.experiments.learning.ppo_nets import Net, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, _explained, joined
-from safe_inspect.experiments.modules.hurdle import TorchHurdle
-from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, RolloutEpisode
+from safe_inspect.experiments.learning.ppo_kernels import Terms
+from safe_inspect.experiments.learning.ppo_nets import AutogradPass, Net, part_of
+from safe_inspect.experiments.learning.ppo_training import NetTraining, _explained, joined
+from safe_inspect.experiments.modules.distributions import TorchHurdle
 from safe_inspect.random.action_draws import Categorical
 from safe_inspect.random.hurdle_draws import Hurdle
 
@@ -91,24 +91,28 @@ def test_run_policy_and_update_have_orders_of_their_own(other: tuple[int, str, i
     assert (first != second).any()
 
 
-def part(steps: int, first: float, weights: float | None = 4.0, decisions: Any = None) -> EpisodePart:
-    """Return steps whose numbers count up from a first one."""
+def episode(
+    steps: int, first: float, weights: float | None = 4.0, decisions: Any = None, module: str | None = None
+) -> SingleAgentEpisode:
+    """Return an episode whose numbers count up from a first one."""
     rows = first + np.arange(steps + 1.0)[:, None]
-    return EpisodePart(
-        rows, None, 10.0 * rows[:-1], np.repeat(20.0 * rows[:-1], 2, axis=1), 30.0 * rows[:-1, 0], 40.0 * rows[:-1, 0],
-        False, weights, decisions,
+    outputs = {"action_dist_inputs": np.repeat(20.0 * rows[:-1], 2, axis=1), "action_logp": 30.0 * rows[:-1, 0]}
+    if weights is not None:
+        outputs["weights_seq_no"] = np.full(steps, weights)
+    if decisions is not None:
+        outputs["decision_steps"] = decisions
+    return SingleAgentEpisode(
+        observations=rows, actions=10.0 * rows[:-1], rewards=40.0 * rows[:-1, 0], infos=[{}] * (steps + 1),
+        extra_model_outputs=outputs, module_id=module, agent_id="agent", len_lookback_buffer=0,
     )  # fmt: skip
 
 
-def episode(one: EpisodePart, module: str | None = None) -> RolloutEpisode:
-    return RolloutEpisode(one, "name", (None, None), 0, False, ("agent", module, "name"))
-
-
 def test_pieces_of_a_policy_stand_one_behind_the_other() -> None:
-    team = SimpleNamespace(agent_episodes={"a": episode(part(2, 100.0), "own"), "b": episode(part(1, 200.0), "shared")})
+    team = SimpleNamespace(
+        agent_episodes={"a": episode(2, 100.0, module="own"), "b": episode(1, 200.0, module="shared")}
+    )
     given_ = [
-        episode(part(3, 0.0, 1.0)), team, episode(part(0, 5.0)), episode(part(1, 10.0, 9.0)),
-        episode(part(2, 300.0), "left"),
+        episode(3, 0.0, 1.0), team, episode(0, 5.0), episode(1, 10.0, 9.0), episode(2, 300.0, module="left"),
     ]  # fmt: skip
     batches = batches_of(given_, lambda name: name != "left")
     assert list(batches) == ["default_policy", "own", "shared"]
@@ -125,7 +129,7 @@ def test_pieces_of_a_policy_stand_one_behind_the_other() -> None:
 
 
 def test_weights_of_unknown_number_and_steps_of_decisions() -> None:
-    given_ = [episode(part(2, 0.0, None, np.array([3, 1]))), episode(part(1, 5.0, 2.0, np.array([7])))]
+    given_ = [episode(2, 0.0, None, np.array([3, 1])), episode(1, 5.0, 2.0, np.array([7]))]
     batch = batches_of(given_, lambda name: True)["default_policy"]
     assert batch.weights is None
     assert batch.steps is not None
@@ -453,7 +457,7 @@ def test_what_the_learner_does_not_serve_goes_to_rllibs(monkeypatch: pytest.Monk
         return "stock"
 
     monkeypatch.setattr(ppo_learner.PPOTorchLearner, "update", update)
-    learner, episodes = Served(), [episode(part(3, 0.0)), episode(part(2, 0.0))]
+    learner, episodes = Served(), [episode(3, 0.0), episode(2, 0.0)]
     assert learner.update(episodes=episodes, num_epochs=4) == "own"
     assert own.pop() == (5, 5, {"episodes": episodes, "num_epochs": 4})
     called = list[str]()

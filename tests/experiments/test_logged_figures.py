@@ -35,14 +35,14 @@ def config_of(smoothing: int, runners: int = 0) -> Any:
 
 def rollout_of_two() -> Rollout:
     """Return 6 steps of 2 environments with 2 agents: in the first the episode ends at 4, one agent of it at 2."""
-    rollout = Rollout([(2, 1, 1, 2)], 2, 6, np.zeros(2, dtype=np.int64), np.ones((2, 2), dtype=np.bool_))
+    rollout = Rollout([(2, 1, 1, 2)], 6, np.zeros(2, dtype=np.int64), np.ones((2, 2), dtype=np.bool_))
     no = np.zeros((2, 2), dtype=np.bool_)
     first, second = no.copy(), no.copy()
     first[1, 0] = second[0, 0] = True
-    rollout.end(0, 1, first, no)
-    rollout.end(0, 3, no, second)
-    rollout.finish(0, 4, 0, [])
-    rollout.close([np.zeros((2, 2, 1), dtype=np.float32)])
+    rollout.end(slice(2), 1, first, no)
+    rollout.end(slice(2), 3, no, second)
+    rollout.finish(0, 4, 0)
+    rollout.close(6)
     return rollout
 
 
@@ -51,7 +51,7 @@ SLOTS = (SimpleNamespace(agent="red", policy="shared"), SimpleNamespace(agent="b
 
 @pytest.mark.parametrize("several", [True, False])
 def test_steps_are_counted_for_environments_agents_and_policies(several: bool) -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_steps
+    from safe_inspect.experiments.sampling.callbacks import log_steps
 
     logger, rollout = Logger(), rollout_of_two()
     assert log_steps(logger, rollout, SLOTS if several else SLOTS[:1], 3, several) == 12
@@ -83,7 +83,7 @@ def reports() -> list[dict[str, float]]:
 
 
 def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_episodes
+    from safe_inspect.experiments.sampling.callbacks import log_episodes
 
     logger = Logger()
     log_episodes(logger, config_of(2), reports(), SLOTS[:1], False)  # the last two count
@@ -98,7 +98,7 @@ def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
 
 
 def test_episodes_of_several_agents_are_logged_for_each_and_for_each_policy() -> None:
-    from safe_inspect.experiments.sampling.runner_metrics import log_episodes
+    from safe_inspect.experiments.sampling.callbacks import log_episodes
 
     logger = Logger()
     slots = (*SLOTS, SimpleNamespace(agent="green", policy="shared"))

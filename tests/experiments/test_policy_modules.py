@@ -135,9 +135,7 @@ def texts(distribution: str, levels: list[float], offset: float = 0.0) -> dict[s
 
 def test_each_algorithm_learns_its_own_module() -> None:
     from safe_inspect.experiments.modules import fresh_policy
-    from safe_inspect.experiments.modules.appo_policy import AppoPolicy
-    from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
-    from safe_inspect.experiments.modules.sac_policy import SacPolicy
+    from safe_inspect.experiments.modules.saved_policy import AppoPolicy, DqnPolicy, SacPolicy
 
     model = {"fcnet_hiddens": [4], "initial_std": 0.1}
     info = texts("gaussian", [])
@@ -211,7 +209,7 @@ def test_weights_to_begin_with_are_those_of_the_learner_alone(
 
 
 def test_combinations_of_levels_that_dqn_cannot_learn() -> None:
-    from safe_inspect.experiments.modules.dqn_policy import choices_of
+    from safe_inspect.experiments.modules.saved_policy import choices_of
 
     def info(*counts: int) -> dict[str, str]:
         return {"action": json.dumps([{"levels": [0.0] * count} for count in counts])}

@@ -201,8 +201,10 @@ def test_the_gradients_are_those_of_rllibs_loss():
     all_density = np.zeros(count)
     all_density[rows] = density.numpy()
     found, sums = np.empty((150, 2 * width)), np.empty(3)
-    arguments = (rows, inputs[rows], actions, old, all_density, advantages)
-    ppo_kernels.policy_gradient(*arguments, 0.2, 0.03, 0.4, found, sums)
+    form = ppo_kernels.Form(0, np.array([], dtype=np.int64))
+    sampled = ppo_kernels.Sampled(actions, old, all_density, advantages)
+    terms = ppo_kernels.Terms(0.2, 0.5, 0.7, 0.03, 0.4, True)
+    ppo_kernels.policy_gradient(rows, inputs[rows], form, sampled, terms, found, sums)
     np.testing.assert_allclose(found, new.grad.numpy(), atol=1e-12)
     expected = (surrogate.mean(), now.entropy().mean(), before.kl(now).mean())
     np.testing.assert_allclose(sums / 150, [float(value) for value in expected], rtol=1e-10)
@@ -211,7 +213,7 @@ def test_the_gradients_are_those_of_rllibs_loss():
     squared = (values - goals[rows]) ** 2
     (0.7 * torch.clamp(squared, 0, 0.5).mean()).backward()
     found, sums = np.empty(150), np.empty(2)
-    ppo_kernels.value_gradient(rows, inputs[rows, 0], advantages, 0.5, 0.7, found, sums)
+    ppo_kernels.value_gradient(rows, inputs[rows, 0], advantages, terms, found, sums)
     np.testing.assert_allclose(found, values.grad.numpy(), atol=1e-12)
     np.testing.assert_allclose(sums / 150, [float(squared.clamp(0, 0.5).mean()), float(squared.mean())], rtol=1e-10)
 
@@ -240,9 +242,9 @@ def test_the_gradients_of_choices_are_those_of_rllibs_loss():
     all_density = np.zeros(count)
     all_density[rows] = density.numpy()
     found, sums = np.empty((150, sizes.sum())), np.empty(3)
-    ppo_kernels.choice_gradient(
-        rows, inputs[rows], sizes, actions, old, all_density, advantages, 0.2, 0.03, 0.4, found, sums
-    )
+    sampled = ppo_kernels.Sampled(actions, old, all_density, advantages)
+    terms = ppo_kernels.Terms(0.2, 0.5, 0.7, 0.03, 0.4, True)
+    ppo_kernels.policy_gradient(rows, inputs[rows], ppo_kernels.Form(0, sizes), sampled, terms, found, sums)
     np.testing.assert_allclose(found, new.grad.numpy(), atol=1e-12)
     expected = (surrogate.mean(), now.entropy().mean(), before.kl(now).mean())
     np.testing.assert_allclose(sums / 150, [float(value) for value in expected], rtol=1e-10)

@@ -15,6 +15,7 @@ from safe_inspect.experiments.files import run_folder
 from safe_inspect.experiments.files.learning_configuration import changed_values, digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
+from safe_inspect.outputs import exclusive
 
 CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_configs": {"lr": 1e-4}}
 
@@ -89,11 +90,11 @@ def test_two_processes_cannot_train_in_one_folder(tmp_path):
     folder = run_folder.create_run_folder(tmp_path, "x")
     code = (
         "import sys; from pathlib import Path\n"
-        "from safe_inspect.experiments.files.run_folder import RunFolder, locked\n"
-        "with locked(RunFolder(Path(sys.argv[1]))): pass"
+        "from safe_inspect.outputs import exclusive\n"
+        "with exclusive(Path(sys.argv[1]), 'training in'): pass"
     )
     command = [sys.executable, "-c", code, str(folder.path)]
-    with run_folder.locked(folder):
+    with exclusive(folder.path, "training in"):
         other = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "OutputError" in other.stderr
     assert "another process is training" in other.stderr

@@ -14,8 +14,7 @@ import pytest
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
 from safe_inspect.experiments.files.checkpoints import Checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder
-from safe_inspect.experiments.files.trial_parameters import write_parameters
+from safe_inspect.experiments.files.run_folder import RunFolder, write_parameters
 from safe_inspect.experiments.runs import training_log, trials, tune_hooks, tune_run
 from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, trial_table
@@ -67,7 +66,7 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def monitor_of(folder: Path, *, start: Checkpoint | None = None, single: bool = True) -> Monitor:
     stop = {"training_iteration": 9.0, "env_runners/return": 5.0}
-    found = Monitor(folder / "run", stop, io.StringIO(), "digest", start, single)
+    found = Monitor(RunFolder(folder / "run"), stop, io.StringIO(), "digest", start, single)
     found.heartbeat = SimpleNamespace(iteration=lambda: None)  # type: ignore[assignment]
     return found
 

@@ -182,7 +182,7 @@ def test_a_mission_that_fails_raises_its_own_error(monkeypatch: pytest.MonkeyPat
 def test_tune_searches_the_number_of_the_trial_alone() -> None:
     from ray.tune.search.sample import Function
 
-    from safe_inspect.experiments.runs.search_space import OfTrial, search_space, tune_space
+    from safe_inspect.experiments.runs.tune_objects import OfTrial, search_space, tune_space
 
     configs: Any = [
         SimpleNamespace(to_dict=lambda lr=lr: {"lr": lr, "env_config": {"seed": lr + 1}}) for lr in (10, 20, 30)
@@ -207,7 +207,7 @@ def test_tune_searches_the_number_of_the_trial_alone() -> None:
 def test_a_searcher_gets_known_figures_alone() -> None:
     from ray.tune.search import Searcher
 
-    from safe_inspect.experiments.runs.search_space import Suggestions, making
+    from safe_inspect.experiments.runs.tune_objects import Suggestions, making
 
     class Noting(Searcher):
         calls: list[Any] = []  # noqa: RUF012

@@ -20,7 +20,7 @@ def module():
 
     from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
-    from safe_inspect.experiments.modules.sac_policy import SacPolicy
+    from safe_inspect.experiments.modules.saved_policy import SacPolicy
 
     agent = experiment_of().spec.agents[0]
     torch.manual_seed(0)

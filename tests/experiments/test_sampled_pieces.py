@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from dummy_environment import TEAM, DummyTeam
+from gymnasium.spaces import Box, MultiDiscrete
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 from training_values import MAKER
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.experiments.learning.ppo_batch import batches_of
 from safe_inspect.experiments.sampling import env_runners
-from safe_inspect.experiments.sampling.decision_rollout import DecisionRollout, DecisionTrack
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
-from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, RolloutEpisode, part_of_episode
+from safe_inspect.experiments.sampling.rollout import DecisionRollout, DecisionTrack, Rollout
 from safe_inspect.experiments.sampling.sampler import AgentSlot
 from safe_inspect.experiments.sampling.training_env import TrainingEnv
 
@@ -26,10 +27,13 @@ pytestmark = pytest.mark.ray
 
 #: Two groups: of two agents with 2 elements of observation, and of one with 3.
 SIZES = [(2, 2, 1, 2), (1, 3, 2, 4)]
+PAIR, ALONE = slice(2), slice(2, 3)
 SLOTS = (
     AgentSlot("red", "shared", 0, 0, 0), AgentSlot("blue", "shared", 0, 1, 1), AgentSlot("green", "own", 1, 0, 2),
 )  # fmt: skip
-SPACES = {slot.agent: (f"sees {slot.agent}", f"does {slot.agent}") for slot in SLOTS}
+SPACES = {
+    slot.agent: (Box(-9.0, 9.0, (SIZES[slot.group][1],)), Box(-1.0, 1.0, (SIZES[slot.group][2],))) for slot in SLOTS
+}
 
 
 def masks(agents: int, *where: tuple[int, int]) -> np.ndarray:
@@ -52,6 +56,10 @@ def filled(rollout: Any) -> Any:
     return rollout
 
 
+def mapping(agent: str, episode: Any, **_: Any) -> str:
+    return "own" if agent == "green" else "shared"
+
+
 def seven_steps() -> Rollout:
     """Return 7 steps of two environments, in the second of which the last agent had ended before.
 
@@ -60,14 +68,16 @@ def seven_steps() -> Rollout:
     """
     flying = np.ones((3, 2), dtype=np.bool_)
     flying[2, 1] = False
-    rollout = filled(Rollout(SIZES, 2, 7, np.array([5, 11]), flying))
-    rollout.end(0, 1, masks(2, (1, 0)), masks(2))
-    rollout.end(0, 3, masks(2), masks(2, (0, 0)))
-    rollout.end(2, 3, masks(1, (0, 0)), masks(1))
+    rollout = filled(Rollout(SIZES, 7, np.array([5, 11]), flying))
+    for track in rollout.tracks:
+        track.observations[:, :, 7] = 7.5
+    rollout.end(PAIR, 1, masks(2, (1, 0)), masks(2))
+    rollout.end(PAIR, 3, masks(2), masks(2, (0, 0)))
+    rollout.end(ALONE, 3, masks(1, (0, 0)), masks(1))
     assert rollout.finish(0, 4, 8, finals())
-    rollout.end(0, 6, masks(2, (0, 1), (1, 1)), masks(2))
+    rollout.end(PAIR, 6, masks(2, (0, 1), (1, 1)), masks(2))
     assert rollout.finish(1, 7, 0, finals(-2.0))
-    rollout.close([np.full((2, *size[:1], size[1]), 7.5) for size in SIZES])
+    rollout.close(7)
     return rollout
 
 
@@ -91,47 +101,58 @@ def test_agents_end_at_times_of_their_own() -> None:
 def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> None:
     rollout = seven_steps()
     rollout.random = not drawn
-    first, second, third = multi_agent_episodes(rollout, SLOTS, SPACES, ["a", "b", "c"], 6, "mapping")
+    first, second, third = multi_agent_episodes(rollout, SLOTS, SPACES, ["a", "b", "c"], 6, mapping)
     assert [(one.env_t_started, one.env_t) for one in (first, second, third)] == [(5, 9), (11, 18), (0, 3)]
     assert [(one.is_terminated, one.is_truncated) for one in (first, second, third)] == [
         (False, True), (True, False), (False, False),
     ]  # fmt: skip
     assert list(first.agent_episodes) == ["red", "blue", "green"]
     assert list(second.agent_episodes) == ["red", "blue"]
-    modules = {"red": "shared", "blue": "shared", "green": "own"}
-    assert (first._spaces, first._modules, first._mapping) == (SPACES, modules, "mapping")
+    assert [first.module_for(agent) for agent in SPACES] == ["shared", "shared", "own"]
+    assert (first.observation_space["green"], first.agent_to_module_mapping_fn) == (SPACES["green"][0], mapping)
+    assert first.agent_t_started == dict.fromkeys(SPACES, 5)
+    assert first.env_t_to_agent_t["red"].data == [5, 6, 7, 8, 9]
+    assert first.env_t_to_agent_t["blue"].data == [5, 6, 7]
     one, track = first.agent_episodes["blue"], rollout.tracks[0]
     assert (one.id_, one.agent_id, one.module_id, one.multi_agent_episode_id) == ("a-blue", "blue", "shared", "a")
-    assert (one.is_terminated, one.is_truncated, one._begun, one._spaces) == (True, False, 5, SPACES["blue"])
-    np.testing.assert_array_equal(one.part.whole_observations, track.observations[1, 0, :3])  # it ended early
-    for name in ("actions", "rewards", *(("inputs", "log_probabilities") if drawn else ())):
-        np.testing.assert_array_equal(getattr(one.part, name), getattr(track, name)[1, 0, :2])
-    assert (one.part.inputs is None, one.part.log_probabilities is None) == (not drawn, not drawn)
-    assert (one.part.weights, one.part.steps) == (6, None)
-    last = first.agent_episodes["green"].part.whole_observations
+    assert (one.is_terminated, one.is_truncated, one.t_started) == (True, False, 5)
+    assert (one.observation_space, one.action_space) == SPACES["blue"]
+    np.testing.assert_array_equal(one.get_observations(), track.observations[1, 0, :3])  # it ended early
+    np.testing.assert_array_equal(one.get_actions(), track.actions[1, 0, :2])
+    np.testing.assert_array_equal(one.get_rewards(), track.rewards[1, 0, :2])
+    outputs = {key: one.get_extra_model_outputs(key) for key in one.extra_model_outputs}
+    wanted = {"weights_seq_no": [6, 6]}
+    if drawn:
+        given = {"action_dist_inputs": track.inputs, "action_logp": track.log_probabilities}
+        wanted |= {key: array[1, 0, :2] for key, array in given.items()}
+    assert outputs.keys() == wanted.keys()
+    for key, values in wanted.items():
+        np.testing.assert_array_equal(outputs[key], values)
+    last = first.agent_episodes["green"].get_observations()
     np.testing.assert_array_equal(last[:4], rollout.tracks[1].observations[0, 0, :4])
     np.testing.assert_array_equal(last[4], [0.0, -1.0, -2.0])
-    on = third.agent_episodes["red"].part.whole_observations
+    on = third.agent_episodes["red"].get_observations()
     np.testing.assert_array_equal(on[:3], track.observations[0, 0, 4:7])
     np.testing.assert_array_equal(on[3], [7.5, 7.5])
+    np.testing.assert_array_equal(first[:2].agent_episodes["blue"].get_rewards(), track.rewards[1, 0, :2])
     # Where green alone is required, there is no episode without it.
-    green = multi_agent_episodes(rollout, SLOTS[2:], SPACES, ["a", "b", "c"], 6, "mapping")
+    green = multi_agent_episodes(rollout, SLOTS[2:], SPACES, ["a", "b", "c"], 6, mapping)
     assert [list(episode.agent_episodes) for episode in green] == [["green"]] * 2
     assert [episode.id_ for episode in green] == ["a", "c"]
 
 
 def test_an_episode_of_one_agent_is_a_piece_with_steps() -> None:
-    rollout = filled(Rollout(SIZES[1:], 2, 3, np.array([0, 4]), np.array([[True, False]])))
-    rollout.end(0, 2, masks(1), masks(1, (0, 0)))
+    rollout = filled(Rollout(SIZES[1:], 3, np.array([0, 4]), np.array([[True, False]])))
+    rollout.end(slice(1), 2, masks(1), masks(1, (0, 0)))
     rollout.finish(0, 3, 0, finals()[1:])
-    rollout.close([np.zeros((2, 1, 3))])
+    rollout.close(3)
     slot = AgentSlot("pilot", "default_policy", 0, 0, 0)
-    (one,) = single_agent_episodes(rollout, slot, ("sees", "does"), ["a", "b"], 2)
+    (one,) = single_agent_episodes(rollout, slot, SPACES["green"], ["a", "b"], 2)
     assert (one.id_, one.is_terminated, one.is_truncated, len(one), one.agent_id) == ("a", False, True, 3, None)
 
 
 def test_episodes_beyond_those_that_are_wanted_are_left_out() -> None:
-    rollout = Rollout(SIZES, 2, 2, np.zeros(2, dtype=np.int64), np.ones((3, 2), dtype=np.bool_), np.array([1, 2]))
+    rollout = Rollout(SIZES, 2, np.zeros(2, dtype=np.int64), np.ones((3, 2), dtype=np.bool_), np.array([1, 2]))
     rollout.tracks[0].actions[...] = 3.0
     rollout.tracks[0].rewards[...] = np.arange(8.0).reshape(2, 2, 2)
     rollout.reserve(2)
@@ -155,12 +176,13 @@ def test_episodes_beyond_those_that_are_wanted_are_left_out() -> None:
 
 def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
     """The first environment ends after step 4, with 2, 1 and 3 decisions; the second continues with 1, 0 and 2."""
-    rollout = DecisionRollout(SIZES, np.array([6, 0]))
+    everyone = np.ones((3, 2), dtype=np.bool_)
+    rollout = DecisionRollout(SIZES, 8, np.array([6, 0]), everyone.copy())
     assert (rollout.random, rollout.missing) == (False, False)
     group, alone = rollout.tracks
     group.counts[:, 0], alone.counts[:, 0] = [2, 1], [3]
-    rollout.end(0, masks(2, (1, 0)), masks(2))
-    rollout.end(2, masks(1), masks(1, (0, 0)))
+    rollout.end(PAIR, 3, masks(2, (1, 0)), masks(2))
+    rollout.end(ALONE, 3, masks(1), masks(1, (0, 0)))
     assert rollout.finish(0, 4, 9)
     assert [track.counts[:, 0].tolist() for track in rollout.tracks] == [[3, 2], [4]]  # behind the last observation
     group.counts[0, 0] += 1
@@ -177,7 +199,7 @@ def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
         (0, 4, 7, 0, -1, [(3, 1, *cut), (2, 0, *cut), (4, 0, *cut)]),
         (1, 0, 7, 0, -1, [(0, 1, *cut), (0, 0, *cut), (0, 2, *cut)]),
     ]
-    again = DecisionRollout(SIZES, np.zeros(2, dtype=np.int64), np.array([1, 0]))
+    again = DecisionRollout(SIZES, 8, np.zeros(2, dtype=np.int64), everyone, np.array([1, 0]))
     assert again.missing
     assert [again.finish(1, 3, 0), again.finish(0, 5, 0), again.finish(0, 9, 1)] == [False, True, False]
     assert not again.missing
@@ -187,12 +209,14 @@ def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
 
 def test_a_track_of_decisions_grows_and_hands_over_what_has_begun() -> None:
     names = ("observations", "actions", "inputs", "log_probabilities")
-    track, rng = DecisionTrack((2, 3, 1, 2), 4), np.random.default_rng(2)
+    rng = np.random.default_rng(2)
+    rollout = DecisionRollout([(2, 3, 1, 2)], 8, np.zeros(4, dtype=np.int64), np.ones((2, 4), dtype=np.bool_))
+    (track,) = rollout.tracks
     written: dict[str, list[Any]] = {name: [] for name in (*names, "rewards", "steps")}
     agents, rows = np.indices((2, 4))
     for count in range(100):
         track.counts[...] = count
-        track.reserve()
+        rollout.reserve(0)
         assert count + 2 < min(getattr(track, name).shape[2] for name in written)
         for name, values in written.items():
             array = getattr(track, name)
@@ -201,7 +225,7 @@ def test_a_track_of_decisions_grows_and_hands_over_what_has_begun() -> None:
     for name, values in written.items():
         np.testing.assert_array_equal(getattr(track, name)[:, :, :100], np.stack(values, axis=2))
     track.counts[...] = rng.integers(0, 100, (2, 4))
-    pending, fresh = track.pending(), DecisionTrack((2, 3, 1, 2), 4)
+    pending, fresh = track.pending(), DecisionTrack((2, 3, 1, 2), 4, 8)
     fresh.resume(pending)
     assert set(pending) == set(names)
     for name in names:
@@ -213,19 +237,41 @@ def test_a_track_of_decisions_grows_and_hands_over_what_has_begun() -> None:
 
 
 def test_an_episode_of_decisions_tells_rllib_of_their_steps() -> None:
-    one = EpisodePart(
-        np.zeros((3, 1), np.float32), None, np.zeros((2, 1), np.float32), np.zeros((2, 2), np.float32),
-        np.zeros(2, np.float32), np.array([1.0, 2.0], np.float32), False, None, np.array([4, 9]),
-    )  # fmt: skip
-    import gymnasium
+    rollout = filled(DecisionRollout(SIZES[1:], 8, np.array([3]), np.ones((1, 1), dtype=np.bool_)))
+    (track,) = rollout.tracks
+    track.counts[:], track.steps[0, 0, :2] = 2, [4, 9]
+    rollout.end(slice(1), 12, masks(1)[:, :1], ~masks(1)[:, :1])
+    rollout.finish(0, 13, 0, finals()[1:])
+    slot = AgentSlot("pilot", "default_policy", 0, 0, 0)
+    (episode,) = single_agent_episodes(rollout, slot, SPACES["green"], ["name"], 7)
+    assert set(episode.extra_model_outputs) == {
+        "action_dist_inputs", "action_logp", "decision_steps", "weights_seq_no",
+    }  # fmt: skip
+    assert (episode.t_started, episode.is_truncated, episode.is_terminated) == (3, True, False)
+    np.testing.assert_array_equal(episode.get_observations(), track.observations[0, 0, :3])
+    batch = batches_of([episode], lambda name: True)["default_policy"]
+    assert (batch.weights, len(batch)) == (7.0, 2)
+    np.testing.assert_array_equal(batch.steps, [4, 9])
 
-    space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
-    episode = RolloutEpisode(one, "name", (space, space), 3, True)
-    assert set(episode.extra_model_outputs) == {"action_dist_inputs", "action_logp", "decision_steps"}
-    assert (episode.part, episode.t_started, episode.is_truncated, episode.is_terminated) == (None, 3, True, False)
-    found = part_of_episode(episode)
-    assert (found.weights, found.final) == (None, None)
-    np.testing.assert_array_equal(found.steps, [4, 9])
+
+def test_levels_are_whole_numbers_in_an_episode() -> None:
+    rollout = filled(Rollout(SIZES[1:], 3, np.array([0]), np.ones((1, 1), dtype=np.bool_)))
+    rollout.close(3)
+    slot, spaces = AgentSlot("pilot", "default_policy", 0, 0, 0), (SPACES["green"][0], MultiDiscrete([9000] * 2))
+    (episode,) = single_agent_episodes(rollout, slot, spaces, ["name"], 7)
+    assert episode.get_actions().dtype == spaces[1].dtype
+    np.testing.assert_array_equal(episode.get_actions(), rollout.tracks[0].actions[0, 0, :3])
+
+
+def test_an_episode_that_is_sent_to_another_process_contains_only_its_own_steps() -> None:
+    """The arrays of a rollout are large, and those of an episode are views of them."""
+    rollout = filled(Rollout(SIZES[1:], 5000, np.array([0]), np.ones((1, 1), dtype=np.bool_)))
+    rollout.end(slice(1), 4, ~masks(1)[:, :1], masks(1)[:, :1])
+    rollout.finish(0, 5, 0, finals()[1:])
+    slot = AgentSlot("pilot", "default_policy", 0, 0, 0)
+    (episode,) = single_agent_episodes(rollout, slot, SPACES["green"], ["name"], 7)
+    assert len(pickle.dumps(episode)) < 10_000
+    assert pickle.loads(pickle.dumps(episode)).get_return() == episode.get_return()
 
 
 def test_the_learner_takes_no_steps_of_the_time_before() -> None:
@@ -236,9 +282,9 @@ def test_the_learner_takes_no_steps_of_the_time_before() -> None:
         terminated=True, len_lookback_buffer=2,
     )  # fmt: skip
     episode.to_numpy()
-    found = part_of_episode(episode)
-    assert (len(found), found.terminated, found.weights, found.steps) == (3, True, 5.0, None)
-    np.testing.assert_array_equal(found.whole_observations[:, 0], [2, 3, 4, 5])
+    found = batches_of([episode], lambda name: True)["default_policy"]
+    assert (len(found), found.terminated, found.weights, found.steps) == (3, [True], 5.0, None)
+    np.testing.assert_array_equal(found.all_observations[:, 0], [2, 3, 4, 5])
     np.testing.assert_array_equal(found.actions[:, 0], [2, 3, 4])
     np.testing.assert_array_equal(found.inputs, outputs["action_dist_inputs"][2:])
 

@@ -13,7 +13,7 @@ from training_values import MAKER
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.files.checkpoints import Checkpoint, find_newest, seal_checkpoint
-from safe_inspect.experiments.files.trial_parameters import write_parameters
+from safe_inspect.experiments.files.run_folder import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
@@ -96,7 +96,7 @@ def test_tune_finds_each_trial_once():
     from ray.tune.search.variant_generator import generate_variants
 
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.runs.search_space import search_space
+    from safe_inspect.experiments.runs.tune_objects import search_space
     from safe_inspect.experiments.settings.environments import environment_settings
 
     experiment = searching(lr=LR, sgd_minibatch_size=BATCHES)
@@ -170,7 +170,7 @@ def search(tmp_path_factory):
 
 
 def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search):
-    from safe_inspect.experiments.files.checkpoint_folders import newest_checkpoint
+    from safe_inspect.experiments.files.checkpoints import newest_checkpoint
 
     first = search / "trials" / "trial_00000"
     for opened in (open_source, newest_checkpoint, lambda text: open_candidates([str(text)], Wanted())):

@@ -216,13 +216,13 @@ def test_a_search_is_as_long_as_its_longest_trial(tune: Tune, tmp_path: Path, mo
     tune.saves = ()
     found, _ = flown(run_of(tmp_path, lr={"grid_search": [0.1, 0.2]}))
     (folder,) = runs_in(tmp_path)
-    assert read == [RunFolder(folder)]
+    assert [one.path for one in read] == [folder]
     assert sorted(path.name for path in (folder / "trials").iterdir()) == ["trial_00000", "trial_00001"]
     assert (found.iteration, found.steps, found.checkpoint, found.trials) == (7, 101, None, trials)
     checked: list[Any] = []
     monkeypatch.setattr(module, "check_trials", lambda folder, settings: checked.append(folder))
     again, _ = flown(run_of(tmp_path, lr={"grid_search": [0.1, 0.2]}, resume=folder))
-    assert (checked, tune.given[-1], again.iteration) == ([RunFolder(folder)], (folder, None), 7)
+    assert (checked[0].path, tune.given[-1], again.iteration) == (folder, (folder, None), 7)
 
     def fails(*given: Any) -> None:
         raise OutputError("full")

@@ -13,10 +13,11 @@ pytestmark = pytest.mark.ray
 
 
 def test_the_first_signal_asks_for_a_checkpoint_and_the_second_stops_at_once(tmp_path):
+    from safe_inspect.experiments.files.run_folder import RunFolder
     from safe_inspect.experiments.runs.tune_hooks import Monitor
 
     stream = io.StringIO()
-    monitor = Monitor(tmp_path, {"training_iteration": 9}, stream, "")
+    monitor = Monitor(RunFolder(tmp_path), {"training_iteration": 9}, stream, "")
     assert not monitor.reached({"training_iteration": 1})
     monitor.interrupt(signal.SIGTERM)
     assert monitor.reached({"training_iteration": 1})

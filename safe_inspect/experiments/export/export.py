@@ -14,7 +14,6 @@ from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import load_onnx
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
-from safe_inspect.experiments.export.encoder_layers import state_sizes
 from safe_inspect.experiments.export.export_check import (
     ExportDifference,
     compare_readings,
@@ -22,14 +21,12 @@ from safe_inspect.experiments.export.export_check import (
     random_readings,
     worst,
 )
-from safe_inspect.experiments.export.net_layers import best_of_dqn, mode_of_sac
+from safe_inspect.experiments.export.net_layers import best_of_dqn, mode_of_sac, state_sizes
 from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
-from safe_inspect.experiments.files.checkpoint_folders import configuration_of
-from safe_inspect.experiments.files.checkpoints import MODULES, policy_folder, read_checkpoint
+from safe_inspect.experiments.files.checkpoints import MODULES, configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
-from safe_inspect.experiments.modules.dqn_policy import DqnPolicy
 from safe_inspect.experiments.modules.policy import trained_policy
-from safe_inspect.experiments.modules.sac_policy import SacPolicy
+from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.experiments.settings.policy_info import policy_info
 from safe_inspect.outputs import new_file

@@ -17,8 +17,8 @@ from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHe
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
 from safe_inspect.evaluation.raw_values import CommandedElement, element_columns
-from safe_inspect.experiments.export.encoder_layers import STATE, encoder_layers, lstm_weights
-from safe_inspect.experiments.modules.dqn_policy import BestChoices
+from safe_inspect.experiments.export.net_layers import STATE, encoder_layers, lstm_weights
+from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
 

@@ -16,7 +16,7 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
 from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
 from safe_inspect.experiments.export.onnx_graph import require_onnx
-from safe_inspect.experiments.modules.dqn_policy import BestChoices
+from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.experiments.settings.policy_info import policy_info
 

@@ -27,9 +27,10 @@ from safe_inspect.evaluation.shipped import (
 from safe_inspect.experiments.export.export import Exported, export_policy, policies_in
 from safe_inspect.experiments.export.export import training_record as training_of
 from safe_inspect.experiments.export.model_card import CardData, model_card
-from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
 from safe_inspect.experiments.files.checkpoints import (
     MODULES,
+    configuration_of,
+    newest_checkpoint,
     policy_folder,
     read_checkpoint,
     seal_checkpoint,

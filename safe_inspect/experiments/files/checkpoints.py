@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.experiments.files.trial_parameters import PARAMETERS, parameters_text, read_parameters
+from safe_inspect.experiments.files.run_folder import PARAMETERS, RunFolder, parameters_text, read_parameters
 from safe_inspect.outputs import new_file
 
 SEAL = "safe_inspect.json"
@@ -199,3 +199,39 @@ def _order(path: Path) -> tuple[int, float, str]:
 def _sums(folder: Path) -> dict[str, list[int]]:
     files = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(SEAL))
     return {path.relative_to(folder).as_posix(): [path.stat().st_size, zlib.crc32(path.read_bytes())] for path in files}
+
+
+def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
+    """Return the folder of a checkpoint.
+
+    Args:
+        path: Folder of a checkpoint, or the folder of a run (or a folder inside it), whose newest complete checkpoint
+            is used.
+
+    Raises:
+        CheckpointError: There is no such checkpoint.
+    """
+    folder = Path(path).expanduser()
+    if not folder.is_dir():
+        raise CheckpointError(f"{path}: there is no such checkpoint")
+    if (folder / SEAL).is_file() or folder.name.startswith("checkpoint_"):
+        return folder
+    if configuration_of(folder) is None:
+        raise CheckpointError(
+            f"{path}: this is neither a checkpoint nor the folder of a training run; give one of these"
+        )
+    found = find_newest(folder)
+    if found.newest is None:
+        why = found.refused[0] if found.refused else "wait for the first, or give another run"
+        raise CheckpointError(f"{path}: the run has no complete checkpoint; {why}")
+    return found.newest.path
+
+
+def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
+    """Return the file of the resolved configuration of a checkpoint's run; None if the checkpoint is not in a run."""
+    path = Path(checkpoint).expanduser().absolute()
+    for folder in (path, *path.parents):
+        configuration = RunFolder(folder).configuration
+        if configuration.is_file():
+            return configuration
+    return None

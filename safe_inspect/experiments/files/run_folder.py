@@ -18,70 +18,40 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.files.learning_configuration import changed_values, digest, policy_agents, short_text
-from safe_inspect.outputs import exclusive, new_file
+from safe_inspect.outputs import new_file
 from safe_inspect.version import __version__
 
 _HINT = "give another folder with --output"
 
 
-@dataclass(frozen=True)
 class RunFolder:
     """Paths of the files in the folder of a run.
 
     Attributes:
         path: The folder.
+        configuration: The resolved configuration.
+        record: The record of the run: version, commit, seed, attempts.
+        progress: The learning curve.
+        tune: Tune's folder, which contains one folder for each attempt.
+        trials: Tune's folder of a search, which contains one folder for each trial.
+        failure: The file to which an environment writes a user's error.
+        compiling_note: The file that exists while a process of the run compiles.
+        ray_note: The file with the path of the temporary folder of the run's Ray.
     """
 
-    path: Path
-
-    @property
-    def configuration(self) -> Path:
-        """The resolved configuration."""
-        return self.path / "experiment.resolved.yml"
-
-    @property
-    def record(self) -> Path:
-        """The record of the run: version, commit, seed, attempts."""
-        return self.path / "run.json"
-
-    @property
-    def progress(self) -> Path:
-        """The learning curve."""
-        return self.path / "progress.csv"
-
-    @property
-    def tune(self) -> Path:
-        """Tune's folder, which contains one folder for each attempt."""
-        return self.path / "tune"
-
-    @property
-    def trials(self) -> Path:
-        """Tune's folder of a search, which contains one folder for each trial."""
-        return self.path / "trials"
-
-    @property
-    def failure(self) -> Path:
-        """The file to which an environment writes a user's error."""
-        return self.path / "failure.json"
-
-    @property
-    def compiling_note(self) -> Path:
-        """The file that exists while a process of the run compiles."""
-        return self.path / ".compiling"
-
-    @property
-    def ray_note(self) -> Path:
-        """The file with the path of the temporary folder of the run's Ray."""
-        return self.path / ".ray"
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.configuration, self.record = path / "experiment.resolved.yml", path / "run.json"
+        self.progress, self.failure = path / "progress.csv", path / "failure.json"
+        self.tune, self.trials = path / "tune", path / "trials"
+        self.compiling_note, self.ray_note = path / ".compiling", path / ".ray"
 
 
 def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
@@ -223,17 +193,6 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     )
 
 
-@contextmanager
-def locked(folder: RunFolder) -> Iterator[None]:
-    """Prevent other processes from training in the same folder; the lock ends with the process.
-
-    Raises:
-        OutputError: Another process is training in the folder.
-    """
-    with exclusive(folder.path, "training in"):
-        yield
-
-
 def git_commit() -> str | None:
     """Return the commit of this package's source, with ``+`` for uncommitted changes; None outside a repository."""
     here = Path(__file__).parent
@@ -258,3 +217,42 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def _file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
+
+
+PARAMETERS = "params.json"
+
+
+def write_parameters(folder: Path, values: Mapping[str, Any], seed: int | None) -> None:
+    """Write the searched values of a trial and its seed."""
+    (folder / PARAMETERS).write_text(json.dumps({**values, "seed": seed}, indent=2) + "\n", encoding="utf-8")
+
+
+def read_parameters(folder: Path) -> dict[str, Any]:
+    """Return the searched values of a trial and its seed.
+
+    Raises:
+        CheckpointError: The values cannot be read.
+    """
+    try:
+        return dict(json.loads((folder / PARAMETERS).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise CheckpointError(f"{folder / PARAMETERS}: the values of the trial cannot be read ({error})") from error
+
+
+def trial_folders(folder: Path) -> list[Path]:
+    """Return the folders of the trials of a search, given the folder of its run; empty for a run without a search."""
+    return sorted(path.parent for path in folder.glob(f"trials/*/{PARAMETERS}"))
+
+
+def parameters_text(parameters: Mapping[str, Any]) -> str:
+    """Return values as one line, such as ``lr 0.0001, seed 3``."""
+    return ", ".join(f"{key} {value_text(value)}" for key, value in parameters.items())
+
+
+def value_text(value: Any) -> str:
+    """Return a value as short text; for a schedule only its values, such as ``0.001 to 0.0001``."""
+    if isinstance(value, list) and value and all(isinstance(pair, list) and len(pair) == 2 for pair in value):
+        return " to ".join(value_text(late) for _, late in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return (value if isinstance(value, str) else json.dumps(value, default=str)).replace('"', "")

@@ -17,8 +17,7 @@ from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mea
 from safe_inspect.evaluation.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
 from safe_inspect.experiments.learning.rllib_objects import own_module, set_connectors, set_replay_buffer
-from safe_inspect.experiments.modules.fresh_policy import policy_spec
-from safe_inspect.experiments.modules.frozen import frozen_spec
+from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec
 from safe_inspect.experiments.sampling.callbacks import RunCallbacks
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
 from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from ray.rllib.core import DEFAULT_MODULE_ID
+from ray.rllib.core import DEFAULT_MODULE_ID, Columns
+from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.experiments.learning.ppo_kernels import advantages_of
-from safe_inspect.experiments.sampling.rollout_episodes import EpisodePart, part_of_episode
+from safe_inspect.experiments.sampling.fragments import DECISION_STEPS
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Smallest standard deviation by which advantages are divided, as in RLlib.
@@ -86,12 +87,12 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
         episodes: RLlib's episodes, of one agent or of several, as arrays.
         wanted: Function that returns whether a policy learns.
     """
-    parts: dict[str, list[EpisodePart]] = {}
+    found: dict[str, list[Any]] = {}
     for episode in _single(episodes):
         name = str(episode.module_id or DEFAULT_MODULE_ID)
         if len(episode) and wanted(name):
-            parts.setdefault(name, []).append(part_of_episode(episode))
-    return {name: _batch(found) for name, found in parts.items()}
+            found.setdefault(name, []).append(episode)
+    return {name: _batch(pieces) for name, pieces in found.items()}
 
 
 def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: tuple[int, str, int]) -> IntArray:
@@ -123,22 +124,31 @@ def _single(episodes: Iterable[Any]) -> Iterator[Any]:
         yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
 
 
-def _batch(parts: list[EpisodePart]) -> Batch:
-    lengths = np.array([len(part) for part in parts], dtype=np.int64)
-    weights = [part.weights for part in parts if part.weights is not None]
-    steps = [part.steps for part in parts if part.steps is not None]
+def _batch(pieces: list[Any]) -> Batch:
+    lengths = np.array([len(piece) for piece in pieces], dtype=np.int64)
+    outputs = {
+        key: [piece.extra_model_outputs[key] for piece in pieces if key in piece.extra_model_outputs]
+        for key in (Columns.ACTION_DIST_INPUTS, Columns.ACTION_LOGP, WEIGHTS_SEQ_NO, DECISION_STEPS)
+    }
+    weights = [_data(buffer).mean() for buffer in outputs[WEIGHTS_SEQ_NO]]
+    steps = outputs[DECISION_STEPS]
     return Batch(
-        all_observations=_joined([part.whole_observations for part in parts]),
+        all_observations=_joined(piece.observations for piece in pieces),
         lengths=lengths,
-        terminated=np.array([part.terminated for part in parts], dtype=np.bool_),
-        actions=_joined([part.actions for part in parts]),
-        inputs=_joined([part.inputs for part in parts if part.inputs is not None]),
-        log_probabilities=_joined([part.log_probabilities for part in parts if part.log_probabilities is not None]),
-        rewards=_joined([part.rewards for part in parts]),
-        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(parts) else None,
-        steps=None if not steps else np.concatenate(steps),
+        terminated=np.array([piece.is_terminated for piece in pieces], dtype=np.bool_),
+        actions=_joined(piece.actions for piece in pieces),
+        inputs=_joined(outputs[Columns.ACTION_DIST_INPUTS]),
+        log_probabilities=_joined(outputs[Columns.ACTION_LOGP]),
+        rewards=_joined(piece.rewards for piece in pieces),
+        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(pieces) else None,
+        steps=np.concatenate([_data(buffer) for buffer in steps]) if steps else None,
     )
 
 
-def _joined(arrays: list[AnyArray]) -> AnyArray:
-    return np.ascontiguousarray(np.concatenate(arrays), dtype=np.float32)
+def _joined(buffers: Iterable[Any]) -> AnyArray:
+    return np.ascontiguousarray(np.concatenate([_data(buffer) for buffer in buffers]), dtype=np.float32)
+
+
+def _data(buffer: Any) -> AnyArray:
+    """Return the data of one of RLlib's buffers without its lookback."""
+    return np.asarray(buffer.data[buffer.lookback :])

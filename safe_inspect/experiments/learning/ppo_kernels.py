@@ -7,16 +7,69 @@ of these operations. They compute RLlib's loss, term by term, and a test compare
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.random.action_draws import HALF_LOG_2PI
+from safe_inspect.random.hurdle_draws import log_logistic
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Indices of the sums that the loops return.
 SURROGATE, ENTROPY, KL = 0, 1, 2
 CLIPPED, UNCLIPPED = 0, 1
+
+
+class Terms(NamedTuple):
+    """The coefficients of a policy's loss, as in RLlib's configuration.
+
+    Attributes:
+        clip: `clip_param`.
+        value_clip: `vf_clip_param`, the largest squared error of a value with a gradient.
+        value: `vf_loss_coeff`.
+        entropy: Current value of `entropy_coeff`.
+        divergence: Current coefficient of the divergence; 0 without `use_kl_loss`.
+        measured: Whether the divergence is reported, `use_kl_loss`.
+    """
+
+    clip: float
+    value_clip: float
+    value: float
+    entropy: float
+    divergence: float
+    measured: bool
+
+
+class Form(NamedTuple):
+    """The kind of an action distribution over A real numbers and choices of K_1 to K_m values.
+
+    Its inputs are the logit of the probability of a burn if there is a gate, the means and the logarithms of the
+    standard deviations of the numbers, and the logits of the choices.
+
+    Attributes:
+        gate: 1 for a hurdle distribution, whose numbers are all 0 unless there is a burn; 0 for others.
+        sizes: K_1 to K_m, shape (m,).
+    """
+
+    gate: int
+    sizes: IntArray
+
+
+class Sampled(NamedTuple):
+    """The R actions of a batch.
+
+    Attributes:
+        actions: Real numbers and indices of choices, shape (R, A + m).
+        inputs: Inputs of the distribution with which they were sampled, shape (R, I).
+        log_probabilities: Logarithms of their probability densities when they were sampled, shape (R,).
+        advantages: Their advantages, shape (R,).
+    """
+
+    actions: AnyArray
+    inputs: AnyArray
+    log_probabilities: AnyArray
+    advantages: AnyArray
 
 
 @njit(nogil=True)
@@ -76,126 +129,93 @@ def clipped_surrogate(advantage: float, ratio: float, clip: float) -> tuple[floa
 def policy_gradient(
     rows: IntArray,
     inputs: AnyArray,
-    actions: AnyArray,
-    old_inputs: AnyArray,
-    old_log_probability: AnyArray,
-    advantages: AnyArray,
-    clip: float,
-    entropy_coefficient: float,
-    kl_coefficient: float,
+    form: Form,
+    sampled: Sampled,
+    terms: Terms,
     gradient: AnyArray,
     sums: FloatArray,
 ) -> None:
-    """Compute the gradient of the policy's loss with respect to the inputs of its Gaussian distribution.
+    """Compute the gradient of the policy's loss with respect to the inputs of its action distribution.
 
     The loss is the mean of -min(A r, A clamp(r, 1 - c, 1 + c)) - e H + k KL over the minibatch's B rows, with the ratio
-    r of the action's densities, the entropy H, and the divergence KL of the new distribution from the old. Source:
-    Schulman et al., Proximal Policy Optimization Algorithms, 2017, equations 7 and 8.
+    r of the action's densities, the entropy H, and the divergence KL of the new distribution from the old. With the
+    probability p of a burn, H = H(p) + p H(Gaussian) + H(choices) and KL = KL(p) + p_old KL(Gaussian) + KL(choices).
+    Source: Schulman et al., Proximal Policy Optimization Algorithms, 2017, equations 7 and 8.
 
     Args:
         rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
-        inputs: Means and logarithms of the standard deviations for the minibatch, shape (B, 2 A).
-        actions: Actions of the batch, shape (R, A).
-        old_inputs: Means and logarithms with which the actions were sampled, shape (R, 2 A).
-        old_log_probability: Logarithms of the actions' densities when they were sampled, shape (R,).
-        advantages: Advantages of the batch, shape (R,).
-        clip: c.
-        entropy_coefficient: e.
-        kl_coefficient: k; zero if the loss has no such term.
-        gradient: Receives the gradient, shape (B, 2 A).
+        inputs: Inputs of the distribution for the minibatch, shape (B, I).
+        form: Kind of the distribution.
+        sampled: The actions of the batch.
+        terms: The coefficients c, e and k.
+        gradient: Receives the gradient, shape (B, I).
         sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
     """
     sums[:] = 0.0
-    count, width = len(rows), actions.shape[1]
-    for i in range(count):
-        row = rows[i]
-        density = 0.0
-        for j in range(width):
-            log_std = float(inputs[i, width + j])
-            z = (float(actions[row, j]) - float(inputs[i, j])) * math.exp(-log_std)
-            density -= 0.5 * z * z + log_std + HALF_LOG_2PI
-            sums[ENTROPY] += log_std + 0.5 + HALF_LOG_2PI
-        advantage = float(advantages[row])
-        ratio = math.exp(density - float(old_log_probability[row]))
-        surrogate, push = clipped_surrogate(advantage, ratio, clip)
-        sums[SURROGATE] += surrogate
-        for j in range(width):
-            mean, log_std = float(inputs[i, j]), float(inputs[i, width + j])
-            old_mean, old_log_std = float(old_inputs[row, j]), float(old_inputs[row, width + j])
-            over = math.exp(-log_std)
-            z = (float(actions[row, j]) - mean) * over
-            shift = (old_mean - mean) * over
-            spread = math.exp(2.0 * (old_log_std - log_std)) + shift * shift
-            sums[KL] += log_std - old_log_std + 0.5 * spread - 0.5
-            gradient[i, j] = (push * z * over - kl_coefficient * shift * over) / count
-            gradient[i, width + j] = (
-                push * (z * z - 1.0) - entropy_coefficient + kl_coefficient * (1.0 - spread)
-            ) / count
-
-
-@njit(nogil=True)
-def choice_gradient(
-    rows: IntArray,
-    inputs: AnyArray,
-    sizes: IntArray,
-    actions: AnyArray,
-    old_inputs: AnyArray,
-    old_log_probability: AnyArray,
-    advantages: AnyArray,
-    clip: float,
-    entropy_coefficient: float,
-    kl_coefficient: float,
-    gradient: AnyArray,
-    sums: FloatArray,
-) -> None:
-    """Compute the gradient of the policy's loss with respect to the logits of its categorical distributions.
-
-    The loss is that of `policy_gradient`.
-
-    Args:
-        rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
-        inputs: Logits for the minibatch, concatenated over the elements of the action, shape (B, K_1 + ... + K_A).
-        sizes: K_1 to K_A, the number of values of each element, shape (A,).
-        actions: Actions of the batch as indices of values, shape (R, A).
-        old_inputs: Logits with which the actions were sampled, shape (R, K_1 + ... + K_A).
-        old_log_probability: Logarithms of the actions' probabilities when they were sampled, shape (R,).
-        advantages: Advantages of the batch, shape (R,).
-        clip: See `policy_gradient`.
-        entropy_coefficient: See `policy_gradient`.
-        kl_coefficient: See `policy_gradient`.
-        gradient: Receives the gradient, shape (B, K_1 + ... + K_A).
-        sums: Receives the sums of surrogate, entropy and divergence, shape (3,).
-    """
-    sums[:] = 0.0
-    count, width = len(rows), len(sizes)
+    count, gate, sizes = len(rows), form.gate, form.sizes
+    numbers = sampled.actions.shape[1] - len(sizes)
     logs, old_logs = np.empty(inputs.shape[1]), np.empty(inputs.shape[1])
     for i in range(count):
         row = rows[i]
-        first, total = 0, 0.0
-        for j in range(width):
+        actions, old_inputs = sampled.actions[row], sampled.inputs[row]
+        burns, logit, log_p, log_q, old_log_p, old_log_q = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if gate:
+            logit, old_logit = float(inputs[i, 0]), float(old_inputs[0])
+            log_p, log_q = log_logistic(logit), log_logistic(-logit)
+            old_log_p, old_log_q = log_logistic(old_logit), log_logistic(-old_logit)
+            burns = 0.0
+            for j in range(numbers):
+                if actions[j] != 0.0:
+                    burns = 1.0
+        p, old_p = math.exp(log_p), math.exp(old_log_p)
+        density, entropy, divergence = log_p if burns > 0.0 else log_q, 0.0, 0.0
+        for j in range(numbers):
+            log_std = float(inputs[i, gate + numbers + j])
+            z = (float(actions[j]) - float(inputs[i, gate + j])) * math.exp(-log_std)
+            density -= burns * (0.5 * z * z + log_std + HALF_LOG_2PI)
+            entropy += log_std + 0.5 + HALF_LOG_2PI
+        first = gate + 2 * numbers
+        for j in range(len(sizes)):
             log_softmax(inputs[i], first, sizes[j], logs)
-            log_softmax(old_inputs[row], first, sizes[j], old_logs)
-            total += logs[first + int(actions[row, j])]
+            log_softmax(old_inputs, first, sizes[j], old_logs)
+            density += logs[first + int(actions[numbers + j])]
             first += sizes[j]
-        advantage = float(advantages[row])
-        ratio = math.exp(total - float(old_log_probability[row]))
-        surrogate, push = clipped_surrogate(advantage, ratio, clip)
+        advantage = float(sampled.advantages[row])
+        ratio = math.exp(density - float(sampled.log_probabilities[row]))
+        surrogate, push = clipped_surrogate(advantage, ratio, terms.clip)
         sums[SURROGATE] += surrogate
-        first = 0
-        for j in range(width):
+        sums[ENTROPY] += p * entropy - p * log_p - (1.0 - p) * log_q
+        if gate:
+            gradient[i, 0] = (
+                push * (burns - p) - terms.entropy * p * (1.0 - p) * (entropy - logit) + terms.divergence * (p - old_p)
+            ) / count
+        for j in range(numbers):
+            mean, log_std = float(inputs[i, gate + j]), float(inputs[i, gate + numbers + j])
+            old_mean, old_log_std = float(old_inputs[gate + j]), float(old_inputs[gate + numbers + j])
+            over = math.exp(-log_std)
+            z, shift = (float(actions[j]) - mean) * over, (old_mean - mean) * over
+            spread = math.exp(2.0 * (old_log_std - log_std)) + shift * shift
+            divergence += log_std - old_log_std + 0.5 * spread - 0.5
+            gradient[i, gate + j] = (push * burns * z * over - terms.divergence * old_p * shift * over) / count
+            gradient[i, gate + numbers + j] = (
+                push * burns * (z * z - 1.0) - terms.entropy * p + terms.divergence * old_p * (1.0 - spread)
+            ) / count
+        sums[KL] += old_p * (old_log_p - log_p + divergence) + (1.0 - old_p) * (old_log_q - log_q)
+        first = gate + 2 * numbers
+        for j in range(len(sizes)):
             entropy = 0.0
             for k in range(first, first + sizes[j]):
                 entropy -= math.exp(logs[k]) * logs[k]
                 sums[KL] += math.exp(old_logs[k]) * (old_logs[k] - logs[k])
             sums[ENTROPY] += entropy
-            chosen = first + int(actions[row, j])
+            chosen = first + int(actions[numbers + j])
             for k in range(first, first + sizes[j]):
                 share = math.exp(logs[k])
                 drawn = 1.0 if k == chosen else 0.0
                 gradient[i, k] = (
                     push * (drawn - share)
-                    + entropy_coefficient * share * (logs[k] + entropy)
-                    + kl_coefficient * (share - math.exp(old_logs[k]))
+                    + terms.entropy * share * (logs[k] + entropy)
+                    + terms.divergence * (share - math.exp(old_logs[k]))
                 ) / count
             first += sizes[j]
 
@@ -215,13 +235,7 @@ def log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> No
 
 @njit(nogil=True)
 def value_gradient(
-    rows: IntArray,
-    values: AnyArray,
-    targets: AnyArray,
-    clip: float,
-    coefficient: float,
-    gradient: AnyArray,
-    sums: FloatArray,
+    rows: IntArray, values: AnyArray, targets: AnyArray, terms: Terms, gradient: AnyArray, sums: FloatArray
 ) -> None:
     """Compute the gradient of the value function's loss, the mean of c min((V - target)^2, clip), with respect to V.
 
@@ -229,8 +243,7 @@ def value_gradient(
         rows: Indices of the minibatch's rows among the batch's R rows, shape (B,).
         values: V for the minibatch, shape (B,).
         targets: Value targets of the batch, shape (R,).
-        clip: Largest squared error with a gradient.
-        coefficient: c.
+        terms: The coefficients: c, and the largest squared error with a gradient.
         gradient: Receives the gradient, shape (B,).
         sums: Receives the sums of the clipped and the unclipped squared errors, shape (2,).
     """
@@ -239,6 +252,6 @@ def value_gradient(
     for i in range(count):
         error = float(values[i]) - float(targets[rows[i]])
         squared = error * error
-        sums[CLIPPED] += min(squared, clip)
+        sums[CLIPPED] += min(squared, terms.value_clip)
         sums[UNCLIPPED] += squared
-        gradient[i] = 2.0 * coefficient * error / count if squared <= clip else 0.0
+        gradient[i] = 2.0 * terms.value * error / count if squared <= terms.value_clip else 0.0

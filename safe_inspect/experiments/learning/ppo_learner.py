@@ -19,19 +19,12 @@ import numpy as np
 import torch
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
 from ray.rllib.core import ALL_MODULES
-from ray.rllib.utils.metrics import (
-    DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY,
-    MODULE_TRAIN_BATCH_SIZE_MEAN,
-    NUM_ENV_STEPS_TRAINED,
-    NUM_ENV_STEPS_TRAINED_LIFETIME,
-    NUM_MODULE_STEPS_TRAINED,
-    NUM_MODULE_STEPS_TRAINED_LIFETIME,
-    WEIGHTS_SEQ_NO,
-)
+from ray.rllib.utils import metrics as names
 
 from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
+from safe_inspect.experiments.learning.ppo_kernels import Terms
 from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, Terms, joined
+from safe_inspect.experiments.learning.ppo_training import NetTraining, joined
 from safe_inspect.experiments.modules.distributions import distribution_of_module
 from safe_inspect.experiments.sampling.callbacks import set_threads
 from safe_inspect.experiments.sampling.capabilities import capabilities
@@ -115,7 +108,8 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         self._run([training for found in trainings.values() for training in found])
         for name, found in trainings.items():
             self._log_losses(name, found)
-        for key, reduce in ((NUM_ENV_STEPS_TRAINED, "sum"), (NUM_ENV_STEPS_TRAINED_LIFETIME, "lifetime_sum")):
+        reductions = {names.NUM_ENV_STEPS_TRAINED: "sum", names.NUM_ENV_STEPS_TRAINED_LIFETIME: "lifetime_sum"}
+        for key, reduce in reductions.items():
             self.metrics.log_value((ALL_MODULES, key), steps * num_epochs, reduce=reduce, with_throughput=True)
         self.after_gradient_based_update(timesteps=timesteps)
         return None if _no_metrics_reduce else self.metrics.reduce()
@@ -136,9 +130,9 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
     def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:
         config = self.config.get_config_for_module(name)
         terms = Terms(
-            config.clip_param,
-            config.vf_clip_param,
-            config.vf_loss_coeff,
+            float(config.clip_param),
+            float(config.vf_clip_param),
+            float(config.vf_loss_coeff),
             float(self.entropy_coeff_schedulers_per_module[name].get_current_value()),
             float(self.curr_kl_coeffs_per_module[name]) if config.use_kl_loss else 0.0,
             bool(config.use_kl_loss),
@@ -177,15 +171,15 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
 
     def _log_steps(self, name: str, order: IntArray, weights: float | None) -> None:
         log = self.metrics.log_value
-        log((name, WEIGHTS_SEQ_NO), self._weights_seq_no, window=1)
-        log((name, MODULE_TRAIN_BATCH_SIZE_MEAN), order.shape[1], reduce="mean")
-        log((name, NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum")
+        log((name, names.WEIGHTS_SEQ_NO), self._weights_seq_no, window=1)
+        log((name, names.MODULE_TRAIN_BATCH_SIZE_MEAN), order.shape[1], reduce="mean")
+        log((name, names.NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum")
         for owner in (name, ALL_MODULES):
-            key = (owner, NUM_MODULE_STEPS_TRAINED_LIFETIME)
+            key = (owner, names.NUM_MODULE_STEPS_TRAINED_LIFETIME)
             log(key, order.size, reduce="lifetime_sum", with_throughput=True)
-        log((ALL_MODULES, NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum", with_throughput=True)
+        log((ALL_MODULES, names.NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum", with_throughput=True)
         if weights is not None:
-            log((name, DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY), self._weights_seq_no - weights, window=1)
+            log((name, names.DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY), self._weights_seq_no - weights, window=1)
 
     def _log_losses(self, name: str, trainings: list[NetTraining]) -> None:
         losses = joined(trainings)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from ray.rllib.algorithms.ppo.ppo import (
 )
 from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 
-from safe_inspect.experiments.learning.hurdle_kernel import hurdle_gradient
 from safe_inspect.experiments.learning.ppo_batch import Batch
 from safe_inspect.experiments.learning.ppo_kernels import (
     CLIPPED,
@@ -23,7 +21,9 @@ from safe_inspect.experiments.learning.ppo_kernels import (
     KL,
     SURROGATE,
     UNCLIPPED,
-    choice_gradient,
+    Form,
+    Sampled,
+    Terms,
     policy_gradient,
     value_gradient,
 )
@@ -34,27 +34,6 @@ from safe_inspect.types import AnyArray, IntArray
 
 #: Name of a net's part of the total loss.
 TOTAL = "total_loss"
-
-
-@dataclass(frozen=True)
-class Terms:
-    """The coefficients of a policy's loss, as in RLlib's configuration.
-
-    Attributes:
-        clip: `clip_param`.
-        value_clip: `vf_clip_param`.
-        value: `vf_loss_coeff`.
-        entropy: Current value of `entropy_coeff`.
-        divergence: Current coefficient of the divergence; 0 without `use_kl_loss`.
-        measured: Whether the divergence is reported, `use_kl_loss`.
-    """
-
-    clip: float
-    value_clip: float
-    value: float
-    entropy: float
-    divergence: float
-    measured: bool
 
 
 class NetTraining:
@@ -88,7 +67,8 @@ class NetTraining:
     ) -> None:
         self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
         self._clip_gradients = clip_gradients
-        self._work, self._sizes = _work_for(distribution)
+        self._form = _form_of(distribution)
+        self._sampled = Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
         size = order.shape[1]
         self._sums = np.zeros(3)
         self._value_sums = np.zeros(2)
@@ -111,12 +91,16 @@ class NetTraining:
         for rows, indices in zip(self._order, torch.from_numpy(self._order).to(device), strict=True):
             torch.index_select(observations, 0, indices, out=chosen)
             inputs, values = way.forward(chosen)
-            gradients = way.backward(
-                (
-                    None if inputs is None else self._policy_gradient(rows, inputs.cpu().numpy()).to(device),
-                    None if values is None else self._values_gradient(rows, values.cpu().numpy()).to(device),
-                )
-            )
+            pushes: list[torch.Tensor | None] = [None, None]
+            if inputs is not None:
+                net, out = inputs.cpu().numpy(), self._gradient.numpy()
+                policy_gradient(rows, net, self._form, self._sampled, self._terms, out, self._sums)
+                pushes[0] = self._gradient.to(device)
+            if values is not None:
+                net, out = values.cpu().numpy(), self._value_gradient.numpy()
+                value_gradient(rows, net, self._batch.targets, self._terms, out, self._value_sums)
+                pushes[1] = self._value_gradient.to(device)
+            gradients = way.backward((pushes[0], pushes[1]))
             if self._clip_gradients is not None:
                 found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
                 self.norm = self._clip_gradients(found)
@@ -125,27 +109,6 @@ class NetTraining:
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient  # RLlib reads the gradients from here
         self.losses = self._losses(inputs is not None, None if values is None else values.cpu().numpy())
-
-    def _policy_gradient(self, rows: IntArray, inputs: AnyArray) -> torch.Tensor:
-        batch, terms = self._batch, self._terms
-        given = (rows, inputs, *self._sizes, batch.actions)
-        old = (batch.inputs, batch.log_probabilities, batch.advantages)
-        coefficients = (terms.clip, terms.entropy, terms.divergence)
-        self._work(*given, *old, *coefficients, self._gradient.numpy(), self._sums)
-        return self._gradient
-
-    def _values_gradient(self, rows: IntArray, values: AnyArray) -> torch.Tensor:
-        terms = self._terms
-        value_gradient(
-            rows,
-            values,
-            self._batch.targets,
-            terms.value_clip,
-            terms.value,
-            self._value_gradient.numpy(),
-            self._value_sums,
-        )
-        return self._value_gradient
 
     def _losses(self, policy: bool, values: AnyArray | None) -> dict[str, float]:
         terms, count = self._terms, self._order.shape[1]
@@ -175,13 +138,13 @@ def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
     return found
 
 
-def _work_for(distribution: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the kernel of the policy's loss for a distribution, and its additional arguments after the inputs."""
+def _form_of(distribution: Any) -> Form:
+    """Return the form of a distribution, Gaussian if it is None."""
     if isinstance(distribution, Categorical):
-        return choice_gradient, (distribution.sizes,)
-    if isinstance(distribution, Hurdle):
-        return hurdle_gradient, ((distribution.numbers, distribution.choices),)
-    return policy_gradient, ()
+        return Form(0, distribution.sizes)
+    hurdle = isinstance(distribution, Hurdle)
+    sizes = [distribution.choices] if hurdle and distribution.choices else []
+    return Form(int(hurdle), np.array(sizes, dtype=np.int64))
 
 
 def _explained(targets: AnyArray, values: AnyArray) -> float:

@@ -1,28 +1,47 @@
-"""`FreshPolicy`: RLlib's PPO policy with configurable initial weights. Importing this module loads Ray and Torch."""
+"""`FreshPolicy`: RLlib's PPO policy with configurable initial weights, or with those of a checkpoint.
+
+Importing this module loads Ray and Torch.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from gymnasium.spaces import MultiDiscrete
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
+from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.shipped import shipped_policies
-from safe_inspect.experiments.files.weights import INFO, Weights, starting_weights
-from safe_inspect.experiments.modules.dqn_policy import CHOICES, DQN_MODEL_KEYS, DqnPolicy, choices_of
-from safe_inspect.experiments.modules.hurdle import COASTS, HURDLE, HurdleCatalog, TorchHurdle
-from safe_inspect.experiments.modules.sac_policy import TWIN_Q, SacPolicy
-from safe_inspect.experiments.modules.saved_policy import SavedPolicy, load_arrays
+from safe_inspect.experiments.files.checkpoints import policy_folder
+from safe_inspect.experiments.files.weights import INFO, Weights, read_weights, starting_weights
+from safe_inspect.experiments.modules.distributions import COASTS, HURDLE, HurdleCatalog, TorchHurdle
+from safe_inspect.experiments.modules.saved_policy import (
+    CHOICES,
+    DQN_MODEL_KEYS,
+    TWIN_Q,
+    AppoPolicy,
+    DqnPolicy,
+    SacPolicy,
+    SavedPolicy,
+    choices_of,
+    load_arrays,
+)
+from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.random.action_draws import NO_NOISE
 
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01
@@ -180,15 +199,84 @@ def policy_spec(
         if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
     settings = {**dataclasses.asdict(known), **own, INFO: info}
-    if algorithm == "SAC":
-        return RLModuleSpec(module_class=SacPolicy, model_config={**dataclasses.asdict(known), INFO: info})
     if algorithm == "DQN":
         settings = dataclasses.asdict(known)
         if info:
             settings |= {CHOICES: choices_of(info), INFO: {**info, "distribution": "greedy"}}
         return RLModuleSpec(module_class=DqnPolicy, model_config=settings)
-    if algorithm == "APPO":
-        from safe_inspect.experiments.modules.appo_policy import AppoPolicy
+    kinds = {"SAC": SacPolicy, "APPO": AppoPolicy}
+    return RLModuleSpec(module_class=kinds.get(algorithm, FreshPolicy), model_config=settings)
 
-        return RLModuleSpec(module_class=AppoPolicy, model_config=settings)
-    return RLModuleSpec(module_class=FreshPolicy, model_config=settings)
+
+_SOURCE = "frozen_from"
+
+
+class FrozenPolicy(FreshPolicy):
+    """RLlib's policy as it acts after its training: burns have no noise, and choices are sampled.
+
+    ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
+    """
+
+    def setup(self) -> None:
+        """Build the nets and load their weights."""
+        super().setup()
+        own: Any = self.model_config
+        if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
+            load_arrays(self, read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
+        self.model_config = {key: value for key, value in own.items() if key != _SOURCE}
+
+    def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
+        outputs: dict[str, Any] = self._forward(batch)
+        if not isinstance(self.action_space, MultiDiscrete):
+            quiet = outputs[Columns.ACTION_DIST_INPUTS].clone()
+            quiet[..., self.log_deviations()] = NO_NOISE
+            outputs[Columns.ACTION_DIST_INPUTS] = quiet
+        return outputs
+
+
+def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
+    """Return RLlib's specification of a policy that is loaded from a checkpoint."""
+    folder = _source(policy)
+    weights = read_weights(folder)
+    return RLModuleSpec(
+        module_class=FrozenPolicy,
+        observation_space=weights.observation_space,
+        action_space=weights.action_space,
+        model_config={**weights.model, "initial_weights": None, _SOURCE: str(folder)},
+    )
+
+
+def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> None:
+    """Check that each policy that is loaded from a checkpoint exists and matches its agents.
+
+    Raises:
+        CheckpointError: A checkpoint is missing, damaged or of another task.
+    """
+    group_of = {agent: group for group in groups for agent in group.agents}
+    for policy in policies.values():
+        if policy.trains:
+            continue
+        weights = read_weights(_source(policy))
+        if {CHOICES, TWIN_Q} & weights.model.keys():
+            raise CheckpointError(
+                f"{policy.checkpoint}: policies of SAC and DQN cannot be combined with policies that learn; "
+                "give one of PPO"
+            )
+        for agent in policy.agents:
+            group = group_of[agent]
+            spaces = (
+                ("observation", weights.observation_space, box(group.observation_layout)),
+                ("action", weights.action_space, action_space(group.action_layout)),
+            )
+            for what, space, wanted in spaces:
+                if space.shape != wanted.shape or type(space) is not type(wanted):
+                    raise CheckpointError(
+                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, but the "
+                        f"agent has {wanted.shape[0]}; give a checkpoint with the same glues"
+                    )
+            if weights.info is not None:
+                check_layout(str(policy.checkpoint), weights.info, replace(group.agent, name=agent))
+
+
+def _source(policy: PolicySettings) -> Path:
+    return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)

@@ -17,18 +17,24 @@ from typing import Any
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
-from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes
 from safe_inspect.evaluation.measuring import check_metrics
-from safe_inspect.evaluation.policies import BASELINES, Policies, baseline
+from safe_inspect.evaluation.policies import BASELINES, Policies, Policy, baseline
+from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.results.files import sha256
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
-from safe_inspect.experiments.files.checkpoint_folders import configuration_of, newest_checkpoint
-from safe_inspect.experiments.files.checkpoints import read_checkpoint
-from safe_inspect.experiments.modules.checkpoint_source import checkpoint_hash, checkpoint_policies
+from safe_inspect.experiments.files.checkpoints import (
+    SEAL,
+    configuration_of,
+    newest_checkpoint,
+    policy_folder,
+    read_checkpoint,
+)
+from safe_inspect.experiments.files.weights import read_weights
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry
@@ -147,9 +153,11 @@ def open_candidates(texts: Iterable[str], wanted: Wanted) -> list[Candidate]:
         if text not in scripted
     }
     if scripted:
-        experiment = _task_of_scripted(wanted, list(opened.values()))
+        first = wanted.usual or next((candidate.experiment for candidate in opened.values()), None)
+        if wanted.cfg is not None or first is None:
+            first = wanted.load(DEFAULT_TASK if wanted.cfg is None else wanted.cfg)
         for text in scripted:
-            opened[text] = _open_scripted(text, wanted, experiment)
+            opened[text] = _open_scripted(text, wanted, first)
     return [opened[text] for text in texts]
 
 
@@ -159,12 +167,9 @@ def is_scripted(text: str) -> bool:
     return text in known or not (os.sep in text or text.endswith(".onnx") or os.path.exists(text) or "." not in text)
 
 
-def _task_of_scripted(wanted: Wanted, others: Sequence[Candidate]) -> Experiment:
-    if wanted.cfg is not None:
-        return wanted.load(wanted.cfg)
-    if wanted.usual is not None:
-        return wanted.usual
-    return others[0].experiment if others else wanted.load(DEFAULT_TASK)
+def _source(text: str, kind: str, path: Path | None, digest: str) -> dict[str, Any]:
+    """Return the description of a source, see `Candidate`."""
+    return {"text": text, "kind": kind, "path": None if path is None else str(path), "sha256": digest}
 
 
 def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candidate:
@@ -173,24 +178,21 @@ def _open_scripted(text: str, wanted: Wanted, experiment: Experiment) -> Candida
         raise SafeInspectError(f"{text}: {flag} is for trained policies; a scripted one has no distribution")
     plugin = baseline(text)
     digest = hashlib.sha256(json.dumps(describe(plugin), sort_keys=True).encode()).hexdigest()
-    source = {"text": text, "kind": "scripted", "path": None, "sha256": digest}
-    return Candidate(text, source, experiment, experiment.spec, plugin)
+    return Candidate(text, _source(text, "scripted", None, digest), experiment, experiment.spec, plugin)
 
 
 def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     shipped = shipped_policy(text.removeprefix(SHIPPED))
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
     if importlib.util.find_spec("onnxruntime") is None:  # the package contains the weights for Torch too
-        flying = checkpoint_policies(shipped.checkpoint, experiment.spec, wanted.sampled, wanted.seed)
-        digest = checkpoint_hash(shipped.checkpoint)
-        source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
+        flying = _checkpoint_policies(shipped.checkpoint, experiment.spec, wanted)
+        source = _source(text, "shipped", shipped.folder, _checkpoint_hash(shipped.checkpoint))
         return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
-    if (
-        len({id(policy) for policy in policies.values()}) == 1
-    ):  # a single policy may control agents with other names too
-        policies = dict.fromkeys(outside, next(iter(policies.values())))
+    distinct = list({id(policy): policy for policy in policies.values()}.values())
+    if len(distinct) == 1:  # a single policy may control agents with other names too
+        policies = dict.fromkeys(outside, distinct[0])
     missing = [agent for agent in outside if agent not in policies]
     if missing:
         raise CheckpointError(
@@ -198,10 +200,10 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
             "give the experiment with which they were trained"
         )
     spec = experiment.spec
-    for policy in {id(policy): policy for policy in policies.values()}.values():
+    for policy in distinct:
         spec = policy.prepare(spec, [agent for agent in outside if policies[agent] is policy])
     digest = hashlib.sha256("".join(sha256(path) for path in sorted(set(shipped.onnx.values()))).encode()).hexdigest()
-    source = {"text": text, "kind": "shipped", "path": str(shipped.folder), "sha256": digest}
+    source = _source(text, "shipped", shipped.folder, digest)
     return Candidate(shipped.name, source, experiment, spec, {agent: policies[agent] for agent in outside})
 
 
@@ -243,9 +245,9 @@ def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
             "with --cfg"
         )
     experiment = wanted.load(cfg)
-    policies = checkpoint_policies(folder, experiment.spec, wanted.sampled, wanted.seed)
+    policies = _checkpoint_policies(folder, experiment.spec, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
-    source = {"text": text, "kind": "checkpoint", "path": str(folder.absolute()), "sha256": checkpoint_hash(folder)}
+    source = _source(text, "checkpoint", folder.absolute(), _checkpoint_hash(folder))
     return Candidate(f"{run}/{folder.name}", source, experiment, experiment.spec, policies)
 
 
@@ -254,5 +256,52 @@ def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
 
     policy = load_onnx(path, wanted.sampled, wanted.seed)
     experiment = wanted.build(policy.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
-    source = {"text": text, "kind": "onnx", "path": str(path.absolute()), "sha256": sha256(path)}
+    source = _source(text, "onnx", path.absolute(), sha256(path))
     return Candidate(path.stem, source, experiment, policy.prepare(experiment.spec), policy)
+
+
+def _checkpoint_policies(path: Path, spec: EnvironmentSpec, wanted: Wanted) -> dict[str, Policy]:
+    """Return the policy of each controlled agent; agents with the same policy share one object.
+
+    Raises:
+        CheckpointError: The checkpoint is damaged, of another task, or has no policy for an agent.
+    """
+    outside = [agent for agent in spec.agents if agent.scripted_policy is None]
+    chosen = {agent.name: _chosen(path, agent) for agent in outside}
+    for agent in outside:  # checked before Ray and Torch are loaded
+        info = read_weights(policy_folder(path, chosen[agent.name])).info
+        if info is None:
+            raise CheckpointError(
+                f"{path}: the checkpoint does not describe its policy's observation and action, so it cannot be used; "
+                "train again"
+            )
+        check_layout(str(path), info, agent)
+    from safe_inspect.experiments.modules.policy import trained_policy  # loads Ray and Torch
+
+    loaded = {
+        name: trained_policy(path, name, sampled=wanted.sampled, seed=wanted.seed)
+        for name in dict.fromkeys(chosen.values())
+    }
+    return {agent: loaded[name] for agent, name in chosen.items()}
+
+
+def _checkpoint_hash(checkpoint: Path) -> str:
+    """Return the hash of a checkpoint's files, by name and content, without its seal."""
+    found = hashlib.sha256()
+    for path in sorted(checkpoint.rglob("*")):
+        if path.is_file() and not path.name.startswith(SEAL):
+            found.update(path.relative_to(checkpoint).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def _chosen(path: Path, agent: AgentSpec) -> str:
+    """Return the name of the checkpoint's policy for an agent: the agent's own policy, or the only one."""
+    try:
+        return policy_folder(path, usual=agent.policy).name
+    except CheckpointError as error:
+        known = str(error).partition("; ")[0]
+        raise CheckpointError(
+            f"{known}, but none is {agent.policy!r}, the policy of the agent {agent.name!r}; "
+            "give the experiment with which it was trained"
+        ) from None

@@ -9,9 +9,14 @@ shipped settings (nets of 256 and 256 units, minibatches of 500) takes 1.3 to 1.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.models.torch.encoder import TorchActorCriticEncoder, TorchMLPEncoder
+from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
+from ray.rllib.core.models.torch.primitives import TorchMLP
 
 from safe_inspect.compiling import njit
 from safe_inspect.types import AnyArray
@@ -163,3 +168,61 @@ class TanhNet:
             slope.copy_(turned.t())
         else:
             torch.mm(gradient.t(), batch, out=slope)
+
+
+#: Methods of the module that are involved in sampling an action, and in computing the losses.
+SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
+TRAINING = ("forward_train", "_forward_train", "compute_values")
+
+
+class PlainLayers(NamedTuple):
+    """A net whose outputs are ``head(body(observations))``.
+
+    Attributes:
+        body: The layers of the encoder.
+        head: RLlib's head.
+    """
+
+    body: torch.nn.Sequential
+    head: torch.nn.Module
+
+    @property
+    def whole(self) -> bool:
+        """Whether the layers of the head give all outputs; otherwise it also has logarithms of standard deviations."""
+        return type(self.head) is TorchMLPHead
+
+
+def policy_layers(module: Any, methods: tuple[str, ...]) -> PlainLayers | None:
+    """Return the layers of a module's policy; None if its outputs are not those of plain layers.
+
+    Args:
+        module: RLlib's module.
+        methods: The methods that the layers replace, `SAMPLING` or `TRAINING`.
+    """
+    if not _is_plain(module, methods):
+        return None
+    encoder = module.encoder
+    return _layers(encoder.encoder if encoder.config.shared else encoder.actor_encoder, module.pi)
+
+
+def value_layers(module: Any) -> PlainLayers | None:
+    """Return the layers of a module's value function; None if it has no separate layers or is of another class."""
+    if not _is_plain(module, TRAINING) or module.encoder.config.shared:
+        return None
+    return _layers(module.encoder.critic_encoder, module.vf)
+
+
+def _is_plain(module: Any, methods: tuple[str, ...]) -> bool:
+    ours = DefaultPPOTorchRLModule
+    return (
+        isinstance(module, ours)
+        and all(getattr(type(module), name) is getattr(ours, name) for name in methods)
+        and type(module.encoder) is TorchActorCriticEncoder
+    )
+
+
+def _layers(encoder: Any, head: Any) -> PlainLayers | None:
+    known = type(encoder) is TorchMLPEncoder and type(encoder.net) is TorchMLP
+    if not known or type(head) not in (TorchMLPHead, TorchFreeLogStdMLPHead):
+        return None
+    return PlainLayers(encoder.net.mlp, head)

@@ -219,17 +219,12 @@ class TrainingProgress:
     def show(self, flat: Mapping[str, float]) -> None:
         """Print the line of an iteration."""
         self._recent.append({key: flat.get(key, 0.0) for key in self._TIMED})
-        self._clear()
+        self.close()
         print(self.line(flat), file=self._stream)
         if self._terminal:
             self._stream.write(self.bar(flat))
             self._bar = True
         self._stream.flush()
-
-    def message(self, text: str) -> None:
-        """Print a sentence between two iterations."""
-        self._clear()
-        print(text, file=self._stream, flush=True)
 
     def line(self, flat: Mapping[str, float]) -> str:
         """Return the line of an iteration."""
@@ -262,9 +257,6 @@ class TrainingProgress:
 
     def close(self) -> None:
         """Remove the progress bar."""
-        self._clear()
-
-    def _clear(self) -> None:
         if self._bar:
             self._stream.write("\r\x1b[K")
             self._bar = False

@@ -10,8 +10,7 @@ from typing import Any
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.files.learning_configuration import digest
-from safe_inspect.experiments.files.run_folder import RunFolder, read_run_record
-from safe_inspect.experiments.files.trial_parameters import value_text
+from safe_inspect.experiments.files.run_folder import RunFolder, read_run_record, value_text
 from safe_inspect.experiments.settings.translation import current_name
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")

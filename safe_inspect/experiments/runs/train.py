@@ -23,7 +23,7 @@ from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.runs.progress import Messages
 from safe_inspect.experiments.runs.training_run import Settings, TrainingRun, read_settings
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, write_trial
-from safe_inspect.outputs import check_parent, is_full
+from safe_inspect.outputs import check_parent, exclusive, is_full
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _open(
     """Create and lock the run's folder; for a resumed run, open it and find the checkpoint to continue from."""
     if run.resume is None:
         folder = run_folder.create_run_folder(run.output, run.name)
-        stack.enter_context(run_folder.locked(folder))
+        stack.enter_context(exclusive(folder.path, "training in"))
         seed = settings.trials[0].seed or 0
         try:
             run_folder.write_run_record(folder, text=run.text, seed=seed, configuration=learning)
@@ -159,7 +159,7 @@ def _open(
             raise
         return folder, None
     folder = run_folder.open_run_folder(run.resume)
-    stack.enter_context(run_folder.locked(folder))
+    stack.enter_context(exclusive(folder.path, "training in"))
     if not settings.single:
         check_trials(folder, settings)
         return folder, None

@@ -21,8 +21,8 @@ from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.files import run_folder
 from safe_inspect.experiments.files.checkpoints import find_newest
 from safe_inspect.experiments.files.learning_configuration import learning_configuration
-from safe_inspect.experiments.files.run_folder import RunFolder
-from safe_inspect.experiments.files.trial_parameters import (
+from safe_inspect.experiments.files.run_folder import (
+    RunFolder,
     parameters_text,
     read_parameters,
     trial_folders,

@@ -16,11 +16,16 @@ from typing import Any, TextIO
 from ray import tune
 
 from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder, copy_attempt, read_run_record
-from safe_inspect.experiments.files.trial_parameters import parameters_text, read_parameters
+from safe_inspect.experiments.files.run_folder import (
+    RunFolder,
+    copy_attempt,
+    parameters_text,
+    read_parameters,
+    read_run_record,
+)
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingProgress, flatten
-from safe_inspect.experiments.runs.search_space import TRIAL_KEY
 from safe_inspect.experiments.runs.training_log import TrainingLog
+from safe_inspect.experiments.runs.tune_objects import TRIAL_KEY
 from safe_inspect.experiments.settings.search import trial_folder_name
 from safe_inspect.interrupts import Interrupted, handled
 
@@ -41,7 +46,7 @@ class Monitor:
 
     def __init__(
         self,
-        folder: Path,
+        folder: RunFolder,
         stop: Mapping[str, float],
         stream: TextIO,
         digest: str,
@@ -56,14 +61,14 @@ class Monitor:
         self.best: Path | None = None
         self._logs: dict[str, TrainingLog] = {}
         self._lines: dict[str, TrainingProgress] = {}
-        self.heartbeat = Heartbeat(stream, RunFolder(folder).compiling_note)
+        self.heartbeat = Heartbeat(stream, folder.compiling_note)
 
     def on_start(self, trial: str) -> None:
         """Record and print that a trial of a search starts."""
         if self.single:
             return
-        own = RunFolder(RunFolder(self.folder).trials / trial)
-        copy_attempt(RunFolder(self.folder), own)
+        own = RunFolder(self.folder.trials / trial)
+        copy_attempt(self.folder, own)
         print(f"{trial}  {parameters_text(read_parameters(own.path))}", file=self.stream, flush=True)
 
     def on_result(self, trial: str, result: Mapping[str, Any]) -> None:
@@ -74,12 +79,11 @@ class Monitor:
         self.iterations += 1
         self.last = flat
         if trial not in self._logs:
-            start = self.start or Checkpoint(self.folder, 0)
+            start = self.start or Checkpoint(self.folder.path, 0)
             if self.single:
-                self._logs[trial] = TrainingLog(self.folder, start.iteration, start.steps)
+                self._logs[trial] = TrainingLog(self.folder.path, start.iteration, start.steps)
             else:
-                passed = int(flat["training_iteration"]) - 1
-                self._logs[trial] = TrainingLog(RunFolder(self.folder).trials / trial, passed)
+                self._logs[trial] = TrainingLog(self.folder.trials / trial, int(flat["training_iteration"]) - 1)
             self._lines[trial] = TrainingProgress(self.stop, self.stream, "" if self.single else trial)
         self._logs[trial].add(flat)
         self.heartbeat.iteration()

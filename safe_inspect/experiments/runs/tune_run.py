@@ -16,13 +16,11 @@ from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.files import run_folder
 from safe_inspect.experiments.files.checkpoints import Checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder
-from safe_inspect.experiments.files.trial_parameters import parameters_text
+from safe_inspect.experiments.files.run_folder import RunFolder, parameters_text
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules.frozen import check_frozen
+from safe_inspect.experiments.modules.fresh_policy import check_frozen
 from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.runs.progress import flatten
-from safe_inspect.experiments.runs.search_space import making, search_space
 from safe_inspect.experiments.runs.trials import write_trial
 from safe_inspect.experiments.runs.tune_hooks import (
     Monitor,
@@ -36,9 +34,11 @@ from safe_inspect.experiments.runs.tune_objects import (
     callbacks_of,
     check_objects,
     figure_of,
+    making,
     mode_of,
     ranking,
     scheduler_of,
+    search_space,
     suggestions_of,
 )
 from safe_inspect.experiments.sampling import environment
@@ -125,7 +125,7 @@ def run_tune(
             raise SafeInspectError(f"{trial.name} with {parameters_text(values)} cannot train: {error}") from None
 
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
-    monitor = Monitor(folder.path, settings.tune.settings["stop"], stream, digest, start, settings.single)
+    monitor = Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"continues after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:

@@ -20,7 +20,7 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.experiments.sampling.callbacks import log_reports, set_threads
+from safe_inspect.experiments.sampling.callbacks import log_episodes, log_reports, log_steps, set_threads
 from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
 from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, seed_of
@@ -28,7 +28,6 @@ from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.experiments.sampling.runner_metrics import log_episodes, log_steps
 from safe_inspect.experiments.sampling.sampler import AgentSlot, Sampler, agent_slots, agents_by_policy
 
 #: Name of the task's part of a runner's state.

@@ -10,8 +10,7 @@ import torch
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.experiments.modules.distributions import distribution_of_module
-from safe_inspect.experiments.modules.plain_layers import SAMPLING, PlainLayers, policy_layers
-from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers
+from safe_inspect.experiments.modules.tanh_net import SAMPLING, PlainLayers, TanhNet, linear_layers, policy_layers
 from safe_inspect.types import AnyArray
 
 #: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.

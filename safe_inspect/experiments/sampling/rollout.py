@@ -24,6 +24,8 @@ class Track:
     """
 
     steps: IntArray | None = None
+    _SAMPLED = ("observations", "actions", "inputs", "log_probabilities")
+    _ARRAYS: tuple[str, ...] = (*_SAMPLED, "rewards")
 
     def __init__(self, size: tuple[int, int, int, int], envs: int, steps: int) -> None:
         agents, observation, action, inputs = size
@@ -35,9 +37,41 @@ class Track:
 
     def grow(self) -> None:
         """Double the number of steps."""
-        for name, array in vars(self).items():
-            extra = np.empty((*array.shape[:2], array.shape[2], *array.shape[3:]), dtype=np.float32)
-            setattr(self, name, np.concatenate((array, extra), axis=2))
+        for name in self._ARRAYS:
+            array = getattr(self, name)
+            setattr(self, name, np.concatenate((array, np.empty_like(array)), axis=2))
+
+
+class DecisionTrack(Track):
+    """A `Track` whose third axis is the index of each agent's decisions instead of time steps.
+
+    After the last decision of an episode there is an entry with only the last observation, so that the observations of
+    a piece are contiguous.
+
+    Attributes:
+        steps: Number of control steps of each decision, shape (G, N, T).
+        counts: Index of the decision that each agent has started or starts next, shape (G, N).
+        starts: Index of each agent's first decision in the current piece, shape (G, N).
+    """
+
+    steps: IntArray
+    _ARRAYS = (*Track._ARRAYS, "steps")
+
+    def __init__(self, size: tuple[int, int, int, int], envs: int, steps: int) -> None:
+        super().__init__(size, envs, steps)
+        self.steps = np.empty(self.rewards.shape, dtype=np.int64)
+        self.counts: IntArray = np.zeros(self.rewards.shape[:2], dtype=np.int64)
+        self.starts: IntArray = np.zeros_like(self.counts)
+
+    def pending(self) -> dict[str, AnyArray]:
+        """Return copies of the decision that each agent has started, each of shape (G, N, ...)."""
+        where = (*np.indices(self.counts.shape, sparse=True), self.counts)
+        return {name: getattr(self, name)[where] for name in self._SAMPLED}
+
+    def resume(self, pending: dict[str, AnyArray]) -> None:
+        """Continue the pending decisions of an earlier track."""
+        for name, array in pending.items():
+            getattr(self, name)[:, :, 0] = array
 
 
 @dataclass(frozen=True)
@@ -63,9 +97,9 @@ class Piece:
 
     Attributes:
         env: Index of the environment.
-        start: Time index of its first step.
-        stop: Time index after its last step.
-        begun: Number of steps of the episode before this piece.
+        start: Time index of its first control step.
+        stop: Time index after its last control step.
+        begun: Number of control steps of the episode before this piece.
         episode: Index of the episode within the environment's slot; -1 while it continues.
         spans: The part of each agent.
         finals: For each group the last observations, shape (G, O), if the episode has ended and the track does not
@@ -92,7 +126,6 @@ class Rollout:
     Args:
         sizes: For each group the numbers of agents, of elements of observation and action, and of inputs of the action
             distribution.
-        envs: Number of environments, N.
         steps: Number of steps, T.
         begun: Number of earlier steps of the running episodes, shape (N,).
         flying: Mask of the agents that have not ended at the start, shape (K, N).
@@ -106,25 +139,26 @@ class Rollout:
         random: Whether actions were sampled without a policy.
     """
 
+    _Track: type[Track] = Track
+
     def __init__(
         self,
         sizes: Sequence[tuple[int, int, int, int]],
-        envs: int,
         steps: int,
         begun: IntArray,
         flying: BoolArray,
         wanted: IntArray | None = None,
     ) -> None:
-        self.tracks = tuple(Track(size, envs, steps) for size in sizes)
+        self.tracks = tuple(self._Track(size, len(begun), steps) for size in sizes)
         self.pieces: list[Piece] = []
         self.random = False
         self.ended: IntArray = np.full(flying.shape, -1, dtype=np.int64)
         self._steps = steps
-        self._start: IntArray = np.zeros(envs, dtype=np.int64)
+        self._start: IntArray = np.zeros_like(begun)
         self._begun = begun
         self._flying = flying
-        self._terminated: BoolArray = np.zeros(flying.shape, dtype=np.bool_)
-        self._truncated: BoolArray = np.zeros(flying.shape, dtype=np.bool_)
+        self._terminated: BoolArray = np.zeros_like(flying)
+        self._truncated: BoolArray = np.zeros_like(flying)
         self._wanted = None if wanted is None else wanted.copy()
 
     @property
@@ -139,21 +173,20 @@ class Rollout:
             for track in self.tracks:
                 track.grow()
 
-    def end(self, first: int, time: int, terminated: BoolArray, truncated: BoolArray) -> None:
+    def end(self, agents: slice, time: int, terminated: BoolArray, truncated: BoolArray) -> None:
         """Record which agents of a group ended in a step.
 
         Args:
-            first: Index of the first agent of the group.
+            agents: Indices of the agents of the group.
             time: Time index of the step.
             terminated: Mask, shape (G, N).
             truncated: Mask, shape (G, N).
         """
-        mine = slice(first, first + len(terminated))
-        self._terminated[mine] |= terminated
-        self._truncated[mine] |= truncated
-        self.ended[mine][terminated | truncated] = time + 1
+        self._terminated[agents] |= terminated
+        self._truncated[agents] |= truncated
+        self.ended[agents][terminated | truncated] = time + 1
 
-    def finish(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> bool:
+    def finish(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray] = ()) -> bool:
         """Close the piece at the end of an episode; return whether it is kept."""
         kept = True
         if self._wanted is not None:
@@ -167,23 +200,47 @@ class Rollout:
         self._terminated[:, env] = self._truncated[:, env] = False
         return kept
 
-    def close(self, observations: Sequence[AnyArray]) -> None:
-        """Close the pieces of the episodes that continue; `observations` are those after the last step."""
-        for track, observation in zip(self.tracks, observations, strict=True):
-            track.observations[:, :, self._steps] = observation.transpose(1, 0, 2)
-        for env in np.flatnonzero(self._start < self._steps).tolist():
-            self._cut(env, self._steps, -1, ())
+    def close(self, stop: int) -> None:
+        """Close the pieces of the episodes that continue."""
+        for env in np.flatnonzero(self._start < stop).tolist():
+            self._cut(env, stop, -1, ())
 
     def _cut(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> None:
-        start = int(self._start[env])
-        spans = tuple(
-            Span(start, (ended if ended >= 0 else stop) - start if flying else 0, terminated, truncated)
-            for ended, flying, terminated, truncated in zip(
-                self.ended[:, env].tolist(),
-                self._flying[:, env].tolist(),
-                self._terminated[:, env].tolist(),
-                self._truncated[:, env].tolist(),
-                strict=True,
-            )
-        )
-        self.pieces.append(Piece(env, start, stop, int(self._begun[env]), episode, spans, finals))
+        starts, lengths = self._parts(env, stop)
+        ends = self._terminated[:, env].tolist(), self._truncated[:, env].tolist()
+        spans = tuple(map(Span, starts.tolist(), lengths.tolist(), *ends))
+        self.pieces.append(Piece(env, int(self._start[env]), stop, int(self._begun[env]), episode, spans, finals))
+
+    def _parts(self, env: int, stop: int) -> tuple[IntArray, IntArray]:
+        """Return the index of the first step of each agent in the current piece and the number of its steps, (K,)."""
+        ended, start = self.ended[:, env], self._start[env]
+        lengths = np.where(self._flying[:, env], np.where(ended >= 0, ended, stop) - start, 0)
+        return np.full(len(ended), start), lengths
+
+
+class DecisionRollout(Rollout):
+    """Samples of decisions that last several steps; `Rollout` is for actions of one step.
+
+    Decisions that have not elapsed when the rollout is closed belong to the next rollout; see `DecisionTrack.pending`.
+    """
+
+    _Track = DecisionTrack
+    tracks: tuple[DecisionTrack, ...]
+
+    def reserve(self, steps: int) -> None:
+        """Enlarge the arrays if necessary, for the next decision of every agent and two observations after it."""
+        for track in self.tracks:
+            if track.counts.max() + 2 >= track.rewards.shape[2]:
+                track.grow()
+
+    def finish(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray] = ()) -> bool:
+        """Close the piece at the end of an episode; return whether it is kept."""
+        kept = super().finish(env, stop, episode)
+        for track in self.tracks:
+            track.counts[:, env] += 1  # skips the entry with the last observation
+            track.starts[:, env] = track.counts[:, env]
+        return kept
+
+    def _parts(self, env: int, stop: int) -> tuple[IntArray, IntArray]:
+        starts = np.concatenate([track.starts[:, env] for track in self.tracks])
+        return starts, np.concatenate([track.counts[:, env] for track in self.tracks]) - starts

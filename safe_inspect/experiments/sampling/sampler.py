@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from time import perf_counter
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.environments.transition import TeamTransition
+from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.modules.distributions import distribution_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
@@ -19,6 +20,9 @@ from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
 from safe_inspect.random.action_draws import Distribution, DrawRows
 from safe_inspect.types import AnyArray, BoolArray, IntArray
+
+#: Indices of some environments of a batch.
+Rows = IntArray | slice
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,8 @@ class Sampler:
             self._slots_by_policy.setdefault(slot.policy, []).append(index)
         self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
         self._where = [environment.groups.index(group) for group in environment.acting]
+        ends = accumulate(group.size for group in environment.acting)
+        self._members = [slice(end - group.size, end) for end, group in zip(ends, environment.acting, strict=True)]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
         self._distributions = [self._distribution(index) for index in range(len(environment.acting))]
         self._sizes = [
@@ -122,10 +128,11 @@ class Sampler:
             random: Whether to sample actions uniformly within their bounds instead, without a policy.
             lifetime: Number of steps that the whole training has sampled.
         """
-        rollout = self._rollout(steps)
+        rollout: Rollout = self._rollout(steps)
         for time in range(steps):
-            self._advance(rollout, time, explore, random, lifetime + time * self.environment.num_envs)
-        rollout.close(self._observations)
+            self._advance(rollout, time, explore, random, lifetime)
+        self._observe(rollout, steps)
+        rollout.close(steps)
         self._flying &= rollout.ended < 0
         return rollout
 
@@ -144,11 +151,10 @@ class Sampler:
         self.reset()
         envs = self.environment.num_envs
         wanted = count // envs + (np.arange(envs) < count % envs)
-        rollout = self._rollout(512, wanted)
+        rollout: Rollout = self._rollout(512, wanted)
         time = 0
         while rollout.missing:
-            rollout.reserve(time + 1)
-            self._advance(rollout, time, explore, random, lifetime + time * envs)
+            self._advance(rollout, time, explore, random, lifetime)
             time += 1
         return rollout
 
@@ -171,67 +177,89 @@ class Sampler:
             )
         return first or distribution_of(self.environment.acting[group].action_layout)
 
-    def _rollout(self, steps: int, wanted: IntArray | None = None) -> Rollout:
-        begun = self._step.copy()
-        return Rollout(self._sizes, self.environment.num_envs, steps, begun, self._flying.copy(), wanted)
+    def _rollout(self, steps: int, wanted: IntArray | None = None) -> Any:
+        return Rollout(self._sizes, steps, self._step.copy(), self._flying.copy(), wanted)
 
     def _advance(self, rollout: Any, time: int, explore: bool, random: bool, lifetime: int) -> None:
-        for track, observation in zip(rollout.tracks, self._observations, strict=True):
-            track.observations[:, :, time] = observation.transpose(1, 0, 2)
+        rollout.reserve(time + 1)
+        chosen = self._observe(rollout, time)
         if random:
-            self._act_at_random(rollout, time)
+            self._act_at_random(rollout, time, chosen)
         else:
-            self._act(rollout, time, explore, lifetime)
+            self._act(rollout, time, chosen, explore, lifetime + time * self.environment.num_envs)
         transition = self.environment.step(self._actions)
         self._step += 1
         self._sums.add(transition)
-        first = 0
-        self._observations = []
-        for track, where in zip(rollout.tracks, self._where, strict=True):
+        self._observations = [transition.groups[where].observation for where in self._where]
+        for index, (where, agents) in enumerate(zip(self._where, self._members, strict=True)):
             found = transition.groups[where]
-            track.rewards[:, :, time] = found.reward.T
-            self._observations.append(found.observation)
+            self._store(rollout, index, time, found)
             if np.count_nonzero(found.terminated) or np.count_nonzero(found.truncated):
-                rollout.end(first, time, found.terminated.T, found.truncated.T)
-            first += len(track.rewards)
+                rollout.end(agents, time, found.terminated.T, found.truncated.T)
         if np.count_nonzero(transition.over):
             self._begin_again(rollout, time, transition)
 
-    def _act(self, rollout: Rollout, time: int, explore: bool, lifetime: int) -> None:
-        count = self.environment.num_envs
+    def _observe(self, rollout: Any, time: int) -> Sequence[Rows]:
+        """Store the current observations; return for each agent the rows in which it acts now."""
+        for track, observation in zip(rollout.tracks, self._observations, strict=True):
+            track.observations[:, :, time] = observation.transpose(1, 0, 2)
+        return [slice(None)] * len(self.agent_slots)
+
+    def _store(self, rollout: Any, group: int, time: int, found: Transition) -> None:
+        """Store the rewards of a group after a step."""
+        rollout.tracks[group].rewards[:, :, time] = found.reward.T
+
+    def _net_for(self, policy: str, rows: int) -> PolicyNet:
+        """Return a policy's net for a number of rows."""
+        return self._nets[policy]
+
+    def _act(self, rollout: Any, time: int, chosen: Sequence[Rows], explore: bool, lifetime: int) -> None:
         episodes = self.environment.simulation.episodes
         for policy, indices in self._slots_by_policy.items():
-            net = self._nets[policy]
-            for place, index in enumerate(indices):
+            counts = [len(self._slots[chosen[index]]) for index in indices]
+            if not any(counts):
+                continue
+            net = self._net_for(policy, sum(counts))
+            places = [slice(last - count, last) for last, count in zip(accumulate(counts), counts, strict=True)]
+            for index, place in zip(indices, places, strict=True):
                 slot = self.agent_slots[index]
-                net.observations[place * count : (place + 1) * count] = self._observations[slot.group][:, slot.member]
+                net.observations[place] = self._observations[slot.group][chosen[index], slot.member]
             inputs = net(explore, lifetime)
-            for place, index in enumerate(indices):
-                slot = self.agent_slots[index]
-                track, member = rollout.tracks[slot.group], slot.member
-                mine = inputs[place * count : (place + 1) * count]
-                action = track.actions[member, :, time]
-                rows = DrawRows(self._seed, self._slots, episodes, self._step, self._deputies[index])
-                log_probability = track.log_probabilities[member, :, time]
-                self._distributions[slot.group].draw(mine, explore, rows, action, log_probability)
-                track.inputs[member, :, time] = mine
-                self._actions[slot.group][:, member] = action
+            for index, place in zip(indices, places, strict=True):
+                slot, rows = self.agent_slots[index], chosen[index]
+                track, mine = rollout.tracks[slot.group], inputs[place]
+                draws = DrawRows(
+                    self._seed, self._slots[rows], episodes[rows], self._step[rows], self._deputies[index][rows]
+                )
+                action = np.empty((len(mine), track.actions.shape[3]), dtype=np.float32)
+                log_probability = np.empty(len(mine), dtype=np.float32)
+                self._distributions[slot.group].draw(mine, explore, draws, action, log_probability)
+                at = (slot.member, rows, self._time_of(track, slot.member, rows, time))
+                track.actions[at], track.inputs[at], track.log_probabilities[at] = action, mine, log_probability
+                self._actions[slot.group][rows, slot.member] = action
 
-    def _act_at_random(self, rollout: Rollout, time: int) -> None:
+    def _time_of(self, track: Any, member: int, rows: Rows, time: int) -> Any:
+        """Return the index in a track of the actions that an agent takes now."""
+        return time
+
+    def _act_at_random(self, rollout: Any, time: int, chosen: Sequence[Rows]) -> None:
         rollout.random = True
-        for group, track, actions in zip(self.environment.acting, rollout.tracks, self._actions, strict=True):
+        for group, actions in zip(self.environment.acting, self._actions, strict=True):
             actions[...] = group.action_layout.draw(self._generator, actions.shape[:-1])
-            track.actions[:, :, time] = actions.transpose(1, 0, 2)
-
-    def _finish(self, rollout: Any, row: int, stop: int, episode: int) -> bool:
-        """Close the piece at the end of an episode; return whether it is kept."""
-        return bool(rollout.finish(row, stop, episode, [found[row].copy() for found in self._observations]))
+        for slot, rows in zip(self.agent_slots, chosen, strict=True):
+            track = rollout.tracks[slot.group]
+            time_of = self._time_of(track, slot.member, rows, time)
+            track.actions[slot.member, rows, time_of] = self._actions[slot.group][rows, slot.member]
 
     def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
         """Close the pieces of ended episodes, report them and start new episodes; return the rows that are kept."""
         rows = np.flatnonzero(transition.over)
         episodes = self.environment.simulation.episodes
-        kept = [row for row in rows.tolist() if self._finish(rollout, row, time + 1, int(episodes[row]))]
+        kept = [
+            row
+            for row in rows.tolist()
+            if rollout.finish(row, time + 1, int(episodes[row]), [found[row].copy() for found in self._observations])
+        ]
         now = perf_counter()
         for row, report in zip(kept, episode_reports(self.environment, self._sums, kept, transition), strict=True):
             self.reports.append({**report, "seconds": now - self._since[row]})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from safe_inspect.config.keys.rllib_keys import Key
@@ -22,13 +22,10 @@ def check_value(key: Key, value: Any) -> tuple[Any, str]:
     A string that can be read as a number is converted, because YAML reads ``5e-5`` as a string. In a search, such as
     ``{grid_search: [...]}``, ``{choice: [...]}`` or ``{uniform: [low, high]}``, each listed value is checked.
     """
-    if is_searched(value) and key.kind != "mapping":
-        return _check_searched(key, *next(iter(value.items())))
-    if value is None:
-        return None, "" if key.optional else "a value is required"
-    if isinstance(value, str) and value in key.choices:
-        return value, ""
-    return _CHECKS[key.kind](key, value)
+    try:
+        return _checked(key, value), ""
+    except ValueError as error:
+        return value, str(error)
 
 
 def is_searched(value: Any) -> bool:
@@ -53,141 +50,144 @@ def resolved_by_tune(value: Any) -> str:
     return next(filter(None, map(resolved_by_tune, value)), "")
 
 
-def _check_searched(key: Key, word: str, values: Any) -> tuple[Any, str]:
+def _checked(key: Key, value: Any) -> Any:
+    """Return the value converted to the key's type.
+
+    Raises:
+        ValueError: The value is not possible; the message says why. So do the functions below.
+    """
+    if is_searched(value) and key.kind != "mapping":
+        return _searched(key, *next(iter(value.items())))
+    if value is None:
+        if not key.optional:
+            raise ValueError("a value is required")
+        return None
+    if isinstance(value, str) and value in key.choices:
+        return value
+    return _KINDS[key.kind][0](key, value)
+
+
+def _unexpected(key: Key, value: Any) -> ValueError:
+    words = "".join(f" or `{word}`" for word in key.choices)
+    return ValueError(f"{_KINDS[key.kind][1]}{words} is expected, not {value!r}")
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _searched(key: Key, word: str, values: Any) -> dict[str, Any]:
     ranged = word in (UNIFORM, LOGUNIFORM, RANDINT)
-    if not isinstance(values, Sequence) or isinstance(values, str) or not values or (ranged and len(values) != 2):
-        return {word: [values]}, f"`{word}` takes a list of {'two numbers' if ranged else 'values'}"
-    checked = [check_value(key, value) for value in values]
-    found = [value for value, _ in checked]
-    mistake = next((mistake for _, mistake in checked if mistake), "")
-    if ranged and not mistake:
-        mistake = _check_range(key, word, *found)
-    return {word: found}, mistake
+    if not _is_list(values) or not values or (ranged and len(values) != 2):
+        raise ValueError(f"`{word}` takes a list of {'two numbers' if ranged else 'values'}")
+    found = [_checked(key, value) for value in values]
+    if ranged:
+        _check_range(key, word, *found)
+    return {word: found}
 
 
-def _check_range(key: Key, word: str, low: Any, high: Any) -> str:
+def _check_range(key: Key, word: str, low: Any, high: Any) -> None:
     if key.kind not in ("number", "integer", "schedule") or not all(isinstance(x, int | float) for x in (low, high)):
-        return f"`{word}` samples numbers; use `{CHOICE}`"
+        raise ValueError(f"`{word}` samples numbers; use `{CHOICE}`")
     if (key.kind == "integer") != (word == RANDINT):
         wanted = f"whole numbers are required; use `{RANDINT}`" if key.kind == "integer" else f"use `{UNIFORM}`"
-        return f"`{word}` is not possible here: {wanted} or `{CHOICE}`"
+        raise ValueError(f"`{word}` is not possible here: {wanted} or `{CHOICE}`")
     if not low < high:
-        return f"`{word}` goes from {low} to {high}; the second number must be larger"
-    return "`loguniform` requires numbers above 0" if word == LOGUNIFORM and low <= 0 else ""
+        raise ValueError(f"`{word}` goes from {low} to {high}; the second number must be larger")
+    if word == LOGUNIFORM and low <= 0:
+        raise ValueError("`loguniform` requires numbers above 0")
 
 
-def _number(key: Key, value: Any) -> tuple[Any, str]:
+def _number(key: Key, value: Any) -> Any:
+    number = value
     if isinstance(value, str):
         try:
-            value = float(value)
+            number = float(value)
         except ValueError:
-            return value, _expected(key, value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-        return value, _expected(key, value)
-    if key.low is not None and value < key.low:
-        return value, f"{value} is too small; the least is {key.low:g}"
+            raise _unexpected(key, value) from None
+    if isinstance(number, bool) or not isinstance(number, int | float) or math.isnan(number):
+        raise _unexpected(key, number)
+    if key.low is not None and number < key.low:
+        raise ValueError(f"{number} is too small; the least is {key.low:g}")
     high = _GREATEST[key.kind] if key.high is None else key.high
-    if value > high:
-        return value, f"{value} is too large; the greatest is {high:.10g}"
-    return value, ""
+    if number > high:
+        raise ValueError(f"{number} is too large; the greatest is {high:.10g}")
+    return number
 
 
-def _integer(key: Key, value: Any) -> tuple[Any, str]:
-    value, mistake = _number(key, value)
-    if mistake:
-        return value, mistake
-    if not float(value).is_integer():
-        return value, f"{value} is not a whole number"
-    return int(value), ""
+def _integer(key: Key, value: Any) -> int:
+    number = _number(key, value)
+    if not float(number).is_integer():
+        raise ValueError(f"{number} is not a whole number")
+    return int(number)
 
 
-def _boolean(key: Key, value: Any) -> tuple[Any, str]:
-    return value, "" if isinstance(value, bool) else _expected(key, value)
+def _instance_of(kind: type) -> Callable[[Key, Any], Any]:
+    """Return a check that a value is an instance of a class."""
+
+    def check(key: Key, value: Any) -> Any:
+        if not isinstance(value, kind):
+            raise _unexpected(key, value)
+        return value
+
+    return check
 
 
-def _text(key: Key, value: Any) -> tuple[Any, str]:
+def _text(key: Key, value: Any) -> str:
     if not isinstance(value, str):
-        return value, _expected(key, value)
-    if not key.choices:
-        return value, ""
-    return value, f"`{value}` is not possible; use one of {', '.join(f'`{each}`' for each in key.choices)}"
+        raise _unexpected(key, value)
+    if key.choices:
+        possible = ", ".join(f"`{each}`" for each in key.choices)
+        raise ValueError(f"`{value}` is not possible; use one of {possible}")
+    return value
 
 
-def _mapping(key: Key, value: Any) -> tuple[Any, str]:
-    return value, "" if isinstance(value, Mapping) else _expected(key, value)
+def _integers(key: Key, value: Any) -> list[int]:
+    if not _is_list(value):
+        raise _unexpected(key, value)
+    return [_integer(key, item) for item in value]
 
 
-def _integers(key: Key, value: Any) -> tuple[Any, str]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        return value, _expected(key, value)
-    items = [_integer(key, item) for item in value]
-    return [item for item, _ in items], next((mistake for _, mistake in items if mistake), "")
-
-
-def _schedule(key: Key, value: Any) -> tuple[Any, str]:
-    if not isinstance(value, Sequence) or isinstance(value, str):
+def _schedule(key: Key, value: Any) -> Any:
+    if not _is_list(value):
         return _number(key, value)
-    pairs = []
-    for pair in value:
-        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-            return value, "a schedule is a list of pairs [step, value]"
-        step, late = _integer(Key("integer", low=0, high=2**63 - 1), pair[0])
-        number, wrong = _number(key, pair[1])
-        if late or wrong:
-            return value, late or wrong
-        pairs.append([step, number])
+    if not all(_is_list(pair) and len(pair) == 2 for pair in value):
+        raise ValueError("a schedule is a list of pairs [step, value]")
+    steps = Key("integer", low=0, high=2**63 - 1)
+    pairs = [[_integer(steps, step), _number(key, number)] for step, number in value]
     if not pairs or pairs[0][0] != 0:
-        return value, "a schedule must begin with step 0"
-    return pairs, ""
+        raise ValueError("a schedule must begin with step 0")
+    return pairs
 
 
-def _names(key: Key, value: Any) -> tuple[Any, str]:
+def _names(key: Key, value: Any) -> list[str]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, Sequence) or not all(isinstance(name, str) and "." in name for name in names):
-        return value, _expected(key, value)
-    return list(names), ""
+        raise _unexpected(key, value)
+    return list(names)
 
 
-def _object(key: Key, value: Any) -> tuple[Any, str]:
+def _object(key: Key, value: Any) -> dict[str, Any]:
     made = {"functor": value} if isinstance(value, str) else value
     if not isinstance(made, Mapping) or set(made) - {"functor", "config"} or "." not in str(made.get("functor")):
-        return value, _expected(key, value)
-    config = made.get("config") or {}
-    return {"functor": str(made["functor"]), "config": config}, _mapping(Key("mapping"), config)[1]
+        raise _unexpected(key, value)
+    return {"functor": str(made["functor"]), "config": _checked(Key("mapping"), made.get("config") or {})}
 
 
-def _objects(key: Key, value: Any) -> tuple[Any, str]:
-    items = [_object(key, item) for item in (value if isinstance(value, list | tuple) else [value])]
-    return [item for item, _ in items], next((mistake for _, mistake in items if mistake), "")
+def _objects(key: Key, value: Any) -> list[dict[str, Any]]:
+    return [_object(key, item) for item in (value if isinstance(value, list | tuple) else [value])]
 
 
-_CHECKS = {
-    "number": _number,
-    "integer": _integer,
-    "boolean": _boolean,
-    "text": _text,
-    "mapping": _mapping,
-    "integers": _integers,
-    "schedule": _schedule,
-    "names": _names,
-    "object": _object,
-    "objects": _objects,
+#: The check of each kind of key, and the name of the kind in messages.
+_KINDS: dict[str, tuple[Callable[[Key, Any], Any], str]] = {
+    "number": (_number, "a number"),
+    "integer": (_integer, "a whole number"),
+    "boolean": (_instance_of(bool), "true or false"),
+    "text": (_text, "a text"),
+    "mapping": (_instance_of(Mapping), "a mapping"),
+    "integers": (_integers, "a list of whole numbers"),
+    "schedule": (_schedule, "a number, or a list of pairs [step, value]"),
+    "names": (_names, "a dotted path `module.Class`, or a list of them,"),
+    "object": (_object, "`{functor: module.Class, config: {...}}`, or a dotted path,"),
+    "objects": (_objects, "`{functor: module.Class, config: {...}}`, a dotted path, or a list of these,"),
 }
-
-_NAMES = {
-    "number": "a number",
-    "integer": "a whole number",
-    "boolean": "true or false",
-    "text": "a text",
-    "mapping": "a mapping",
-    "integers": "a list of whole numbers",
-    "schedule": "a number, or a list of pairs [step, value]",
-    "names": "a dotted path `module.Class`, or a list of them,",
-    "object": "`{functor: module.Class, config: {...}}`, or a dotted path,",
-    "objects": "`{functor: module.Class, config: {...}}`, a dotted path, or a list of these,",
-}
-
-
-def _expected(key: Key, value: Any) -> str:
-    words = "".join(f" or `{word}`" for word in key.choices)
-    return f"{_NAMES[key.kind]}{words} is expected, not {value!r}"
