@@ -35,7 +35,6 @@ class EpisodeAccumulator:
         )
         self.returns: FloatArray = np.zeros(shape)
         self.lengths: IntArray = np.zeros(shape, dtype=np.int64)
-        self._slices = [slice(group.first, group.first + group.size) for group in environment.groups]
         self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]
 
     def part(self, environment: TeamEnvironment, rows: IntArray) -> EpisodeAccumulator:
@@ -52,9 +51,9 @@ class EpisodeAccumulator:
 
     def add(self, transition: TeamTransition) -> None:
         """Add one step of every environment. Ended environments may be added too, once their totals have been read."""
-        for mine, found, terms in zip(self._slices, transition.groups, self._terms, strict=True):
-            self.returns[:, mine] += found.reward
-            self.lengths[:, mine] += found.active
+        for group, found, terms in zip(self._environment.groups, transition.groups, self._terms, strict=True):
+            self.returns[:, group.members] += found.reward
+            self.lengths[:, group.members] += found.active
             for name, value in found.terms.items():
                 if name in terms:
                     terms[name] += value
@@ -137,7 +136,7 @@ class EpisodeAccumulator:
         """Return the infos of single agents that are not among the team's infos, each of shape (R, D)."""
         known = self._team_info()
         found: dict[str, list[AnyArray]] = {}
-        for index in range(len(self._slices)):
+        for index in range(len(self._environment.groups)):
             view = self._environment.view(index)
             for component in self._environment.simulation.components.values():
                 for name, value in component.info(view).items():

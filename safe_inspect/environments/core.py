@@ -46,7 +46,7 @@ class BatchedEnvironment:
             raise ValueError(f"all controlled agents must be equal; these differ: {names}; use TeamEnvironment")
         self.agents: AgentGroup = acting[0]
         self.spec = spec
-        self._index = self.team.groups.index(self.agents)
+        (self._index,) = self.team.acting_indices
 
     @property
     def observation_layout(self) -> Layout:

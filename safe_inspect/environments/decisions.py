@@ -46,8 +46,9 @@ def decide(
 ) -> Decided:
     """Take control steps until, in every environment, an agent needs a new decision or has ended.
 
-    Environments that reach this point earlier wait; their last control step is the one in the result. When half of a
-    batch waits, the others continue in a smaller batch.
+    If no actions hold for several control steps, or all environments rest, this is one control step, and the infos are
+    those of `transition_info` alone. Environments that reach the next decision earlier wait; their last control step is
+    the one in the result. When half of a batch waits, the others continue in a smaller batch.
 
     Args:
         environment: The environments.
@@ -58,6 +59,12 @@ def decide(
             it, all environments are stepped in the whole batch, so that its state is up to date at each call.
     """
     count = environment.num_envs
+    if not environment.decides or (resting is not None and resting.all()):
+        transition = environment.step(actions)
+        if follow is not None:
+            follow(np.ones(count, dtype=np.bool_))
+        found = [transition.groups[index] for index in environment.acting_indices]
+        return Decided(found, [transition_info(group, transition.filtered) for group in found], transition.over)
     flights = _Flights(environment, actions, np.ones(count, dtype=np.bool_) if resting is None else ~resting)
     flights.divisible = follow is None and environment.simulation.divisible
     elapsed, discount = np.zeros(count, dtype=np.int64), np.ones(count)
@@ -115,7 +122,6 @@ class _Flights:
         self.part, self._actions, self.running = whole, actions, running.copy()
         self.rows: IntArray = np.arange(whole.num_envs)
         self.divisible = False
-        self._acting = [whole.groups.index(group) for group in whole.acting]
         self._paused: list[Paused] = []
         if not running.all():
             self._paused.append(whole.simulation.pause(np.flatnonzero(~running)))
@@ -128,7 +134,7 @@ class _Flights:
             needs a new decision or has ended, shape (R,).
         """
         transition = self.part.step(self._actions)
-        found = [transition.groups[index] for index in self._acting]
+        found = [transition.groups[index] for index in self._whole.acting_indices]
         settled = transition.over.copy()
         for group, again in zip(found, self.part.due(), strict=True):
             flying = group.active & ~group.done

@@ -37,6 +37,13 @@ def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
     return info
 
 
+def current_infos(environment: TeamEnvironment) -> list[dict[str, AnyArray]]:
+    """Return the info of the current state for each acting group, see `state_info`."""
+    safety = environment.spec.team_safety
+    filtered = safety is not None and safety.enabled
+    return [state_info(environment.view(index), has_filter=filtered) for index in environment.acting_indices]
+
+
 def transition_info(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
     """Return the info of a step: the info of its final state, and ``reward/NAME`` for every reward term.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,13 +17,18 @@ from safe_inspect.environments.finite_checks import all_finite, numbers, require
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.glues.base import Glue
+from safe_inspect.glues.base import Glue, ObservationGlue
+from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, shortened
+from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.base import Filtered, SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import DECISION, REMAINING, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from safe_inspect.environments.fused.step import FusedGroup
 
 
 class StepOutcome(NamedTuple):
@@ -43,25 +49,6 @@ class StepOutcome(NamedTuple):
     ended: bool
 
 
-class CompiledGroup(Protocol):
-    """Compiled implementation of the methods of an `AgentGroup`.
-
-    Each method returns None where the group has to compute the result itself.
-    """
-
-    def command(self, action: FloatArray, /) -> tuple[FloatArray, FloatArray] | None:
-        """Compute `AgentGroup.command`."""
-
-    def observe(self, view: View, asked: BoolArray | None = None, /) -> AnyArray | None:
-        """Compute `AgentGroup.observe`, shape (R, O); rows that are not requested in `asked`, shape (R,), are NaN."""
-
-    def evaluate_step(self, step: Step, asked: BoolArray | None = None, /) -> StepOutcome | None:
-        """Compute `AgentGroup.evaluate_step`.
-
-        The observations of agents that are not requested in `asked`, shape (R,), are NaN, unless their episode ends.
-        """
-
-
 class AgentGroup:
     """Group of G agents, consecutive in agent order, with equal parts, glues, rewards and dones.
 
@@ -71,6 +58,7 @@ class AgentGroup:
         policies: Name of each agent's policy.
         first: Index of the first deputy among all deputies.
         size: Number of agents, G.
+        members: Indices of its deputies among all deputies.
         safety_filter: Safety filter of the agents' thrusts, if one is enabled.
         flies_backup: Whether an invalid action is replaced by the backup of a safety filter instead of stopping the
             run.
@@ -81,7 +69,7 @@ class AgentGroup:
         limits: Limits of the control that the controllers of one agent can produce.
         thrusters: Map from actions to control.
         dones: Done functions in the order of increasing precedence of their status: draw, win, lose.
-        fused: Compiled implementation, if it is used.
+        fused: Compiled implementation, if it is used; its methods return None where the group computes the result.
         remembering: Done functions with memory, by the name of their memory.
     """
 
@@ -96,6 +84,7 @@ class AgentGroup:
         self.safety_filter = filters[0] if filters else None
         self.flies_backup = self.safety_filter is not None and self.safety_filter.invalid_actions == "backup"
         self.first, self.size, self.scripted = first, len(specs), agent.scripted_policy is not None
+        self.members = slice(first, first + len(specs))
         self.remembering = {
             f"done {named.name}": named.functor
             for named in agent.dones
@@ -114,14 +103,15 @@ class AgentGroup:
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
         self.thrusters = Thrusters(agent, dynamics.control_size)
-        self.limits = self._thrust_limits()
+        corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
+        self.limits = ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))
         self._glues = agent.observation_glues
         self._sizes = [len(glue.names(agent.parts)) for glue in self._glues]
         observed = {getattr(glue, "sensor", None) for glue in self._glues}
         self._unobserved = [name for name in agent.sensors if name not in observed]
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
-        self.fused: CompiledGroup | None = None
+        self.fused: FusedGroup | None = None
         self._idle = np.minimum(np.maximum(0.0, self.action_layout.low), self.action_layout.high)
 
     def require_needed(self, view: View) -> None:
@@ -158,10 +148,8 @@ class AgentGroup:
         if self.group.decides:
             coasting = ~self.due(view.writable)
             action = np.where(coasting[:, :, None], self._idle, action)
-        elif self.fused is not None:
-            found = self.fused.command(action)
-            if found is not None:
-                return found
+        elif self.fused is not None and (found := self.fused.command(action)) is not None:
+            return found
         action = action.reshape(view.num_rows, layout.size)
         if not all_finite(action):
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
@@ -212,10 +200,8 @@ class AgentGroup:
         control = np.asarray(policy(view, limits), dtype=np.float64)
         view.remembering = None
         what = f"policy {policy.registered_name} of {self.name}"
-        if control.shape != (view.num_rows, commands):
-            require_shape(what, control, (view.num_rows, commands))
-        if not all_finite(control):
-            require_finite(what, control, view.state)
+        require_shape(what, control, (view.num_rows, commands))
+        require_finite(what, control, view.state)
         if commands < size:
             thrust, control = control, np.zeros((view.num_rows, size))
             if self._turns_thrust:
@@ -229,20 +215,22 @@ class AgentGroup:
 
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); a scripted group has observations without elements."""
-        if self.fused is not None:
-            found = self.fused.observe(view)
-            if found is not None:
-                return found.reshape(view.writable.num_envs, self.size, found.shape[-1])
+        if self.fused is not None and (found := self.fused.observe(view)) is not None:
+            return found.reshape(view.writable.num_envs, self.size, found.shape[-1])
         glues = () if self.scripted else self._glues
-        parts = [glue(view) for glue in glues]
-        for glue, part, size in zip(glues, parts, self._sizes, strict=False):
-            if part.shape != (view.num_rows, size):
-                require_shape(self.title(glue), part, (view.num_rows, size))
+        parts = [self.values(glue, view, size) for glue, size in zip(glues, self._sizes, strict=False)]
         observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
         if not all_finite(observation):
             for glue, part in zip(glues, parts, strict=True):
                 require_finite(self.title(glue), part, view.state)
         return observation.astype(np.float32).reshape(view.writable.num_envs, self.size, observation.shape[-1])
+
+    def values(self, glue: ObservationGlue, view: View, size: int) -> AnyArray:
+        """Return the values of a glue after a check of their shape, (R, size)."""
+        values = glue(view)
+        if values.shape != (view.num_rows, size):
+            require_shape(self.title(glue), values, (view.num_rows, size))
+        return values
 
     def evaluate_step(self, step: Step) -> StepOutcome:
         """Return the result of a step by calling every plugin in Python."""
@@ -266,15 +254,24 @@ class AgentGroup:
         terms: dict[str, FloatArray] = {}
         reward = np.zeros(rows)
         for named in self.agent.rewards:
-            value = numbers(f"reward {named.name}", named.functor(step)).copy()  # it may be an array of the state
-            if value.shape != (rows,):
-                require_shape(f"reward {named.name}", value, (rows,))
-            reward += value
-            terms[named.name] = value
+            terms[named.name] = self.term(named, step).copy()  # it may be an array of the state
+            reward += terms[named.name]
         if not all_finite(reward):
             for name, value in terms.items():
                 require_finite(f"reward {name}", value, step.after.state, step.before.state)
         return reward, terms
+
+    def term(self, named: Named[Reward], step: Step) -> FloatArray:
+        """Return a reward term after a check of its shape, (R,)."""
+        value = numbers(f"reward {named.name}", named.functor(step))
+        require_shape(f"reward {named.name}", value, (step.after.num_rows,))
+        return value
+
+    def fires(self, named: Named[DoneFunction], step: Step) -> BoolArray:
+        """Return the result of a done function after a check of its shape, (R,)."""
+        done = np.asarray(named.functor(step), dtype=np.bool_)
+        require_shape(f"done {named.name}", done, (step.after.num_rows,))
+        return done
 
     def ends(self, step: Step) -> tuple[BoolArray, BoolArray, AnyArray, dict[str, BoolArray]]:
         """Return terminated, truncated and status, each of shape (R,), and the result of each done function by name."""
@@ -283,10 +280,7 @@ class AgentGroup:
         status = np.zeros(rows, dtype=np.int8)
         fired = {}
         for named in self.dones:
-            done = np.asarray(named.functor(step), dtype=np.bool_)
-            if done.shape != (rows,):
-                require_shape(f"done {named.name}", done, (rows,))
-            fired[named.name] = done
+            done = fired[named.name] = self.fires(named, step)
             if np.count_nonzero(done):  # several times as fast as `any` on a small array
                 status[done] = named.functor.status
                 ended = truncated if named.functor.truncates else terminated
@@ -297,16 +291,12 @@ class AgentGroup:
     def check_unobserved(self, after: View, before: State) -> None:
         """Raise an error when a sensor that only rewards and dones read gave NaN, which silently compares as false."""
         for name in self._unobserved:
-            if name in after.readings and not all_finite(after.readings[name]):
+            if name in after.readings:
                 require_finite(f"sensor {name}", after.readings[name], after.state, before)
 
     def title(self, glue: Glue) -> str:
         """Return the name of a glue for messages: its class and the elements that it observes or commands."""
         return f"glue {glue.registered_name} ({', '.join(glue.names(self.agent.parts))})"
-
-    def _thrust_limits(self) -> ThrustLimits:
-        corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
-        return ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))
 
 
 def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics | None = None) -> tuple[AgentGroup, ...]:
@@ -316,14 +306,5 @@ def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics | None = None) 
         agents: The agents.
         dynamics: Their dynamics; default: Clohessy-Wiltshire dynamics.
     """
-    runs: list[list[AgentSpec]] = []
-    for agent in agents:
-        if runs and runs[-1][0].same_terms(agent):
-            runs[-1].append(agent)
-        else:
-            runs.append([agent])
-    groups, first = [], 0
-    for run in runs:
-        groups.append(AgentGroup(run, first, dynamics))
-        first += len(run)
-    return tuple(groups)
+    starts = [k for k, agent in enumerate(agents) if k == 0 or not agents[k - 1].same_terms(agent)]
+    return tuple(AgentGroup(agents[a:b], a, dynamics) for a, b in pairwise([*starts, len(agents)]))

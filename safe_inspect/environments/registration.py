@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.facades.make_arguments import check_keywords, checked_overrides
+from safe_inspect.environments.facades.arguments import check_keywords, checked_overrides
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.finite_checks import all_finite, checked_seed, require_finite, require_shape
+from safe_inspect.environments.finite_checks import checked_seed, require_finite, require_shape
 from safe_inspect.environments.group import AgentGroup, group_agents
 from safe_inspect.environments.invalid_actions import replaced, with_backup
 from safe_inspect.environments.transition import TeamTransition, Transition
@@ -45,6 +45,7 @@ class TeamEnvironment:
         groups: Groups of agents with equal terms, in agent order.
         acting: Groups of controlled agents, whose actions the caller gives; the others are controlled by scripted
             policies.
+        acting_indices: Their indices in `groups`.
         observes_coasting: Whether transitions also contain the observations of agents whose decision has not elapsed.
             If not, these are NaN, except the last observations of an episode.
     """
@@ -58,6 +59,7 @@ class TeamEnvironment:
         self.spec = spec
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
+        self.acting_indices = [self.groups.index(group) for group in self.acting]
         self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
         self.simulation = spec.simulator(
             masses={agent.platform: spec.platforms[agent.platform].mass for agent in spec.agents},
@@ -87,13 +89,8 @@ class TeamEnvironment:
         self._idle = [np.zeros(num_envs * group.size, dtype=np.bool_) for group in self.groups]
         deciding = self.acting or self.groups
         self._deciding = np.concatenate([np.arange(group.first, group.first + group.size) for group in deciding])
-        self._has = {
-            named.name: read_only(
-                np.array([any(other.name == named.name for other in agent.dones) for agent in spec.agents])
-            )
-            for agent in spec.agents
-            for named in agent.dones
-        }
+        dones = [[named.name for named in agent.dones] for agent in spec.agents]
+        self._has = {name: read_only(np.array([name in own for own in dones])) for each in dones for name in each}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the attributes of a copy; NumPy makes copies of read-only arrays writable."""
@@ -198,11 +195,8 @@ class TeamEnvironment:
         ]
         for step, found in zip(steps, filtered, strict=True):
             if found is not None:
-                step.writable_control, step.writable_intervening, step.filtered = (
-                    found.result.control,
-                    found.result.intervening,
-                    found.result,
-                )
+                step.filtered = found.result
+                step.writable_control, step.writable_intervening = found.result.control, found.result.intervening
         everyone = not np.count_nonzero(simulation.state.finished)
         active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.writable_control for step in steps])
@@ -217,9 +211,7 @@ class TeamEnvironment:
         for group, step, seen, found in zip(self.groups, steps, after, filtered, strict=True):
             step.after = seen
             if found is not None or team is not None:
-                first = group.first
-                mine = simulation.state.interventions[:, first : first + group.size]
-                mine += step.writable_intervening.reshape(-1, group.size)
+                simulation.state.interventions[:, group.members] += step.writable_intervening.reshape(-1, group.size)
             for name, array in found.memory.items() if found is not None else ():
                 simulation.state.memory[group.name, SAFETY_FILTER, name][...] = array
             if group.group.decides:
@@ -240,14 +232,11 @@ class TeamEnvironment:
         assert self._safety_filter is not None
         team = self._safety_filter(read_only(desired), self.team())
         what = f"safety filter {self._safety_filter.registered_name}"
-        if team.control.shape != desired.shape:
-            require_shape(what, team.control, desired.shape)
-        if not all_finite(team.control):
-            require_finite(what, team.control, self.state)
+        require_shape(what, team.control, desired.shape)
+        require_finite(what, team.control, self.state)
         for group, step in zip(self.groups, steps, strict=True):
-            mine = slice(group.first, group.first + group.size)
-            step.writable_control = team.control[:, mine].reshape(-1, 3)
-            step.writable_intervening = team.intervening[:, mine].reshape(-1)
+            step.writable_control = team.control[:, group.members].reshape(-1, 3)
+            step.writable_intervening = team.intervening[:, group.members].reshape(-1)
         return team
 
     def _without_ended(self, control: FloatArray, active: BoolArray, steps: list[Step]) -> FloatArray:
@@ -258,9 +247,8 @@ class TeamEnvironment:
         instead = self.state.control if self.spec.ended_thrust_on else 0.0
         control = np.where(active[:, :, None], control, instead)
         for group, step in zip(self.groups, steps, strict=True):
-            mine = slice(group.first, group.first + group.size)
-            step.writable_control = control[:, mine].reshape(-1, control.shape[-1])
-            step.writable_intervening = step.writable_intervening & active[:, mine].reshape(-1)
+            step.writable_control = control[:, group.members].reshape(-1, control.shape[-1])
+            step.writable_intervening = step.writable_intervening & active[:, group.members].reshape(-1)
         return control
 
     def _evaluate(self, steps: list[Step], active: BoolArray, team: TeamFiltered | None) -> TeamTransition:
@@ -282,22 +270,16 @@ class TeamEnvironment:
                 found = group.evaluate_step(step)
             shape = (self.num_envs, group.size)
             values, flags = found.values.reshape(-1, *shape), found.flags.reshape(-1, *shape)
-            mine = slice(group.first, group.first + group.size)
             if self.spec.shared_dones:
-                said = flags[2:]
-                said.setflags(write=False)
-                for index, named in enumerate(group.dones):
-                    if shape == active.shape:
-                        fired[named.name] = said[index]
-                    else:
-                        fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, mine] = said[index]
+                for named, said in zip(group.dones, flags[2:], strict=True):
+                    fired.setdefault(named.name, np.zeros(active.shape, dtype=np.bool_))[:, group.members] = said
             ended |= found.ended
             transitions.append(
                 Transition(
                     found.observation.reshape(*shape, found.observation.shape[-1]),
                     values[0],
                     {named.name: values[1 + index] for index, named in enumerate(group.agent.rewards)},
-                    active if shape == active.shape else active[:, mine],
+                    active if shape == active.shape else active[:, group.members],
                     flags[0],
                     flags[1],
                     found.status.reshape(shape),
@@ -359,14 +341,13 @@ class TeamEnvironment:
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
         own = self._statuses(transitions)
-        for array in fired.values() if len(transitions) > 1 else ():
+        for array in fired.values():
             array.setflags(write=False)
         step = TeamStep(before, after, fired, read_only(own), world.step_size, self._has)
         shared = np.zeros(self.num_envs, dtype=np.int8)
         for named in self.spec.shared_dones:
             status = np.asarray(named.functor(step), dtype=np.int8)
-            if status.shape != shared.shape:
-                require_shape(f"shared done {named.name}", status, shared.shape)
+            require_shape(f"shared done {named.name}", status, shared.shape)
             if np.count_nonzero(status):
                 shared = np.where(_RANK[status] > _RANK[shared], status, shared)
         if not np.count_nonzero(shared):

@@ -12,6 +12,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from safe_inspect.config.keys import by_name
+
 
 @dataclass(frozen=True)
 class Key:
@@ -34,148 +36,110 @@ class Key:
     optional: bool = False
 
 
-_COUNT = Key("integer", low=0)
-_POSITIVE = Key("integer", low=1)
-_SECONDS = Key("number", low=0, high=math.inf)
+_COUNT, _OPTIONAL_COUNT = Key("integer", low=0), Key("integer", low=0, optional=True)
+_POSITIVE, _OPTIONAL_POSITIVE = Key("integer", low=1), Key("integer", low=1, optional=True)
+_UNLIMITED = Key("number", low=0, high=math.inf)
 _SHARE = Key("number", low=0, high=1)
-_AMOUNT = Key("number", low=0)
+_AMOUNT, _OPTIONAL_AMOUNT = Key("number", low=0), Key("number", low=0, optional=True)
 _SWITCH = Key("boolean")
-_MAPPING = Key("mapping")
-_TEXT = Key("text")
+_MAPPING, _OPTIONAL_MAPPING = Key("mapping"), Key("mapping", optional=True)
+_TEXT, _OPTIONAL_TEXT = Key("text"), Key("text", optional=True)
+_RATE, _OPTIONAL_RATE = Key("schedule", low=0), Key("schedule", low=0, optional=True)
 
 #: Keys of every RLlib algorithm: attributes of `AlgorithmConfig`.
-COMMON_KEYS: dict[str, Key] = {
-    # training
-    "gamma": _SHARE,
-    "lr": Key("schedule", low=0),
-    "grad_clip": Key("number", low=0, high=math.inf, optional=True),
-    "grad_clip_by": Key("text", choices=("value", "norm", "global_norm")),
-    "train_batch_size_per_learner": _POSITIVE,
-    "num_epochs": _POSITIVE,
-    "minibatch_size": Key("integer", low=1, optional=True),
-    "shuffle_batch_per_epoch": _SWITCH,
-    "learner_config_dict": _MAPPING,
-    # sampling
-    "num_env_runners": _COUNT,
-    "num_envs_per_env_runner": _POSITIVE,
-    "num_cpus_per_env_runner": _AMOUNT,
-    "num_gpus_per_env_runner": _AMOUNT,
-    "custom_resources_per_env_runner": _MAPPING,
-    "rollout_fragment_length": Key("integer", low=1, choices=("auto",)),
-    "batch_mode": Key("text", choices=("truncate_episodes", "complete_episodes")),
-    "explore": _SWITCH,
-    "sample_timeout_s": Key("number", low=0, high=math.inf, optional=True),
-    "validate_env_runners_after_construction": _SWITCH,
-    "max_requests_in_flight_per_env_runner": _POSITIVE,
-    "create_env_on_local_worker": _SWITCH,
-    "create_local_env_runner": _SWITCH,
-    "merge_env_runner_states": Key("boolean", choices=("training_only",)),
-    "broadcast_env_runner_states": _SWITCH,
-    "use_env_runner_state_server": _SWITCH,
-    "env_runner_state_server_max_concurrency": _POSITIVE,
-    "episode_lookback_horizon": _COUNT,
-    # learners and resources
-    "num_learners": _COUNT,
-    "num_cpus_per_learner": Key("number", low=0, choices=("auto",)),
-    "num_gpus_per_learner": _AMOUNT,
-    "custom_resources_per_learner": _MAPPING,
-    "num_aggregator_actors_per_learner": _COUNT,
-    "max_requests_in_flight_per_aggregator_actor": _POSITIVE,
-    "max_requests_in_flight_per_learner": _POSITIVE,
-    "local_gpu_idx": _COUNT,
-    "num_cpus_for_main_process": _AMOUNT,
-    "custom_resources_for_main_process": _MAPPING,
-    "placement_strategy": Key("text", choices=("PACK", "SPREAD", "STRICT_PACK", "STRICT_SPREAD")),
-    # Torch
-    "torch_compile_learner": _SWITCH,
-    "torch_compile_learner_dynamo_backend": _TEXT,
-    "torch_compile_learner_dynamo_mode": Key("text", optional=True),
-    "torch_compile_worker": _SWITCH,
-    "torch_compile_worker_dynamo_backend": _TEXT,
-    "torch_compile_worker_dynamo_mode": Key("text", optional=True),
-    "torch_ddp_kwargs": _MAPPING,
-    "torch_skip_nan_gradients": _SWITCH,
-    # evaluation
-    "evaluation_interval": Key("integer", low=1, optional=True),
-    "evaluation_duration": Key("integer", low=1, choices=("auto",)),
-    "evaluation_duration_unit": Key("text", choices=("episodes", "timesteps")),
-    "evaluation_num_env_runners": _COUNT,
-    "evaluation_parallel_to_training": _SWITCH,
-    "evaluation_force_reset_envs_before_iteration": _SWITCH,
-    "evaluation_config": Key("mapping", optional=True),
-    "evaluation_sample_timeout_s": _SECONDS,
-    "evaluation_auto_duration_min_env_steps_per_sample": _POSITIVE,
-    "evaluation_auto_duration_max_env_steps_per_sample": _POSITIVE,
-    "evaluation_unhealthy_workers_timeout_s": _SECONDS,
-    "evaluation_error_after_n_consecutive_skips": Key("integer", low=1, optional=True),
-    # reporting
-    "metrics_num_episodes_for_smoothing": _POSITIVE,
-    "metrics_episode_collection_timeout_s": _SECONDS,
-    "min_time_s_per_iteration": Key("number", low=0, optional=True),
-    "min_train_timesteps_per_iteration": _COUNT,
-    "min_sample_timesteps_per_iteration": _COUNT,
-    "log_gradients": _SWITCH,
-    "log_level": Key("text", choices=("DEBUG", "INFO", "WARN", "ERROR")),
-    "log_sys_usage": _SWITCH,
-    "seed": Key("integer", low=0, high=2**32 - 1, optional=True),  # NumPy's generators, which RLlib seeds, take no more
-    # failures
-    "restart_failed_env_runners": _SWITCH,
-    "ignore_env_runner_failures": _SWITCH,
-    "max_num_env_runner_restarts": _COUNT,
-    "delay_between_env_runner_restarts_s": _SECONDS,
-    "restart_failed_sub_environments": _SWITCH,
-    "num_consecutive_env_runner_failures_tolerance": _COUNT,
-    "env_runner_health_probe_timeout_s": _SECONDS,
-    "env_runner_restore_timeout_s": _SECONDS,
-}
+COMMON_KEYS: dict[str, Key] = by_name(
+    {
+        _SHARE: "gamma",
+        _RATE: "lr",
+        Key("number", low=0, high=math.inf, optional=True): "grad_clip sample_timeout_s",
+        Key("text", choices=("value", "norm", "global_norm")): "grad_clip_by",
+        _POSITIVE: """
+            train_batch_size_per_learner num_epochs num_envs_per_env_runner max_requests_in_flight_per_env_runner
+            env_runner_state_server_max_concurrency max_requests_in_flight_per_aggregator_actor
+            max_requests_in_flight_per_learner evaluation_auto_duration_min_env_steps_per_sample
+            evaluation_auto_duration_max_env_steps_per_sample metrics_num_episodes_for_smoothing
+        """,
+        _OPTIONAL_POSITIVE: "minibatch_size evaluation_interval evaluation_error_after_n_consecutive_skips",
+        _SWITCH: """
+            shuffle_batch_per_epoch explore validate_env_runners_after_construction create_env_on_local_worker
+            create_local_env_runner broadcast_env_runner_states use_env_runner_state_server torch_compile_learner
+            torch_compile_worker torch_skip_nan_gradients evaluation_parallel_to_training
+            evaluation_force_reset_envs_before_iteration log_gradients log_sys_usage restart_failed_env_runners
+            ignore_env_runner_failures restart_failed_sub_environments
+        """,
+        _MAPPING: """
+            learner_config_dict custom_resources_per_env_runner custom_resources_per_learner
+            custom_resources_for_main_process torch_ddp_kwargs
+        """,
+        _COUNT: """
+            num_env_runners episode_lookback_horizon num_learners num_aggregator_actors_per_learner local_gpu_idx
+            evaluation_num_env_runners min_train_timesteps_per_iteration min_sample_timesteps_per_iteration
+            max_num_env_runner_restarts num_consecutive_env_runner_failures_tolerance
+        """,
+        _AMOUNT: "num_cpus_per_env_runner num_gpus_per_env_runner num_gpus_per_learner num_cpus_for_main_process",
+        Key("integer", low=1, choices=("auto",)): "rollout_fragment_length evaluation_duration",
+        Key("text", choices=("truncate_episodes", "complete_episodes")): "batch_mode",
+        Key("boolean", choices=("training_only",)): "merge_env_runner_states",
+        Key("number", low=0, choices=("auto",)): "num_cpus_per_learner",
+        Key("text", choices=("PACK", "SPREAD", "STRICT_PACK", "STRICT_SPREAD")): "placement_strategy",
+        _TEXT: "torch_compile_learner_dynamo_backend torch_compile_worker_dynamo_backend",
+        _OPTIONAL_TEXT: "torch_compile_learner_dynamo_mode torch_compile_worker_dynamo_mode",
+        Key("text", choices=("episodes", "timesteps")): "evaluation_duration_unit",
+        _OPTIONAL_MAPPING: "evaluation_config",
+        _UNLIMITED: """
+            evaluation_sample_timeout_s evaluation_unhealthy_workers_timeout_s metrics_episode_collection_timeout_s
+            delay_between_env_runner_restarts_s env_runner_health_probe_timeout_s env_runner_restore_timeout_s
+        """,
+        _OPTIONAL_AMOUNT: "min_time_s_per_iteration",
+        Key("text", choices=("DEBUG", "INFO", "WARN", "ERROR")): "log_level",
+        # NumPy's generators, which RLlib seeds, take no more
+        Key("integer", low=0, high=2**32 - 1, optional=True): "seed",
+    }
+)
 
 #: Additional keys of PPO.
-PPO_KEYS: dict[str, Key] = {
-    "lambda": _SHARE,
-    "use_critic": _SWITCH,
-    "use_gae": _SWITCH,
-    "use_kl_loss": _SWITCH,
-    "kl_coeff": _AMOUNT,
-    "kl_target": _AMOUNT,
-    "vf_loss_coeff": _AMOUNT,
-    "entropy_coeff": Key("schedule", low=0),
-    "clip_param": Key("number", low=1e-6, high=math.inf),  # with 0 there is no gradient
-    "vf_clip_param": Key("number", low=1e-6, high=math.inf),
-}
+PPO_KEYS: dict[str, Key] = by_name(
+    {
+        _SHARE: "lambda",
+        _SWITCH: "use_critic use_gae use_kl_loss",
+        _AMOUNT: "kl_coeff kl_target vf_loss_coeff",
+        _RATE: "entropy_coeff",
+        # with 0 there is no gradient
+        Key("number", low=1e-6, high=math.inf): "clip_param vf_clip_param",
+    }
+)
 
-_REPLAY_KEYS: dict[str, Key] = {
-    "replay_buffer_config": _MAPPING,
-    "num_steps_sampled_before_learning_starts": _COUNT,
-    "target_network_update_freq": _COUNT,
-    "training_intensity": Key("number", low=0, optional=True),
-    "store_buffer_in_checkpoints": _SWITCH,
-    "tau": _SHARE,
-}
-_RATE = Key("schedule", low=0, optional=True)
+_REPLAY_KEYS: dict[str, Key] = by_name(
+    {
+        _MAPPING: "replay_buffer_config",
+        _COUNT: "num_steps_sampled_before_learning_starts target_network_update_freq",
+        _OPTIONAL_AMOUNT: "training_intensity",
+        _SWITCH: "store_buffer_in_checkpoints",
+        _SHARE: "tau",
+    }
+)
 
 #: Additional keys of SAC that are often set.
-SAC_KEYS: dict[str, Key] = {
-    **_REPLAY_KEYS,
-    "actor_lr": _RATE,
-    "critic_lr": _RATE,
-    "alpha_lr": _RATE,
-    "initial_alpha": _AMOUNT,
-    "target_entropy": Key("number", choices=("auto",)),
-    "twin_q": _SWITCH,
-}
+SAC_KEYS: dict[str, Key] = _REPLAY_KEYS | by_name(
+    {
+        _OPTIONAL_RATE: "actor_lr critic_lr alpha_lr",
+        _AMOUNT: "initial_alpha",
+        Key("number", choices=("auto",)): "target_entropy",
+        _SWITCH: "twin_q",
+    }
+)
 
 #: Additional keys of DQN that are often set.
-DQN_KEYS: dict[str, Key] = {
-    **_REPLAY_KEYS,
-    "epsilon": Key("schedule", low=0, high=1),
-    "double_q": _SWITCH,
-    "dueling": _SWITCH,
-    "num_atoms": _POSITIVE,
-    "v_min": Key("number"),
-    "v_max": Key("number"),
-    "adam_epsilon": _AMOUNT,
-    "td_error_loss_fn": Key("text", choices=("huber", "mse")),
-}
+DQN_KEYS: dict[str, Key] = _REPLAY_KEYS | by_name(
+    {
+        Key("schedule", low=0, high=1): "epsilon",
+        _SWITCH: "double_q dueling",
+        _POSITIVE: "num_atoms",
+        Key("number"): "v_min v_max",
+        _AMOUNT: "adam_epsilon",
+        Key("text", choices=("huber", "mse")): "td_error_loss_fn",
+    }
+)
 
 #: Algorithms with a table of additional keys here. The values of keys that are in no table are checked when Ray is
 #: loaded; their names are in `rllib_release`.
@@ -192,80 +156,62 @@ BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
 FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
 #: Keys of safe_inspect that are given with RLlib's.
-OWN_KEYS: dict[str, Key] = {
-    "algorithm": _TEXT,
-    "model_config": _MAPPING,
-    "torch_num_threads": _POSITIVE,
-    "env_runner": Key("text", choices=("batched", "stock")),
-    "learner": Key("text", choices=("fast", "stock")),
-    "learner_threads": _POSITIVE,
-    "callbacks": Key("names", optional=True),
-    "rl_module": Key("object", optional=True),
-    "env_to_module_connector": Key("objects", optional=True),
-    "module_to_env_connector": Key("objects", optional=True),
-    "learner_connector": Key("objects", optional=True),
-}
+OWN_KEYS: dict[str, Key] = by_name(
+    {
+        _TEXT: "algorithm",
+        _MAPPING: "model_config",
+        _POSITIVE: "torch_num_threads learner_threads",
+        Key("text", choices=("batched", "stock")): "env_runner",
+        Key("text", choices=("fast", "stock")): "learner",
+        Key("names", optional=True): "callbacks",
+        Key("object", optional=True): "rl_module",
+        Key("objects", optional=True): "env_to_module_connector module_to_env_connector learner_connector",
+    }
+)
 
 #: Keys whose objects change a policy, its input or its output, so that its weights alone do not define it.
 CHANGING_KEYS = ("rl_module", "env_to_module_connector", "module_to_env_connector")
 
 #: Keys that may differ between policies that are trained together.
 POLICY_KEYS = (
-    "lr",
-    "grad_clip",
-    "grad_clip_by",
-    "clip_param",
-    "vf_clip_param",
-    "vf_loss_coeff",
-    "entropy_coeff",
-    "use_kl_loss",
-    "kl_coeff",
-    "kl_target",
-    "model_config",
+    *("lr", "grad_clip", "grad_clip_by", "clip_param", "vf_clip_param", "vf_loss_coeff", "entropy_coeff"),
+    *("use_kl_loss", "kl_coeff", "kl_target", "model_config"),
 )
 
 _ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
 
 #: Initial weights of a policy: keys of safe_inspect in `model_config`, for PPO.
-FRESH_KEYS: dict[str, Key] = {
-    "orthogonal": _SWITCH,
-    "initial_choice": Key("integer", low=0, optional=True),
-    "initial_probability": Key("number", low=0.01, high=0.99),
-    "hurdle": _SWITCH,
-    "initial_burn_probability": Key("number", low=0.01, high=0.99),
-    "initial_std": Key("number", low=1e-4, optional=True),
-    "initial_weights": Key("text", optional=True),
-}
+FRESH_KEYS: dict[str, Key] = by_name(
+    {
+        _SWITCH: "orthogonal hurdle",
+        _OPTIONAL_COUNT: "initial_choice",
+        Key("number", low=0.01, high=0.99): "initial_probability initial_burn_probability",
+        Key("number", low=1e-4, optional=True): "initial_std",
+        _OPTIONAL_TEXT: "initial_weights",
+    }
+)
 
 #: Keys of the networks: attributes of `DefaultModelConfig` that apply to vectors of numbers.
-MODEL_KEYS: dict[str, Key] = {
-    "fcnet_hiddens": Key("integers", low=1),
-    "fcnet_activation": _ACTIVATION,
-    "fcnet_kernel_initializer": Key("text", optional=True),
-    "fcnet_kernel_initializer_kwargs": Key("mapping", optional=True),
-    "fcnet_bias_initializer": Key("text", optional=True),
-    "fcnet_bias_initializer_kwargs": Key("mapping", optional=True),
-    "fcnet_use_layernorm": _SWITCH,
-    "head_fcnet_hiddens": Key("integers", low=1),
-    "head_fcnet_activation": _ACTIVATION,
-    "head_fcnet_kernel_initializer": Key("text", optional=True),
-    "head_fcnet_kernel_initializer_kwargs": Key("mapping", optional=True),
-    "head_fcnet_bias_initializer": Key("text", optional=True),
-    "head_fcnet_bias_initializer_kwargs": Key("mapping", optional=True),
-    "head_fcnet_use_layernorm": _SWITCH,
-    "free_log_std": _SWITCH,
-    "log_std_clip_param": Key("number", low=0, high=math.inf),
-    "vf_share_layers": _SWITCH,
-    "use_lstm": _SWITCH,
-    "max_seq_len": _POSITIVE,
-    "lstm_cell_size": _POSITIVE,
-    "lstm_use_prev_action": _SWITCH,
-    "lstm_use_prev_reward": _SWITCH,
-    "lstm_kernel_initializer": Key("text", optional=True),
-    "lstm_kernel_initializer_kwargs": Key("mapping", optional=True),
-    "lstm_bias_initializer": Key("text", optional=True),
-    "lstm_bias_initializer_kwargs": Key("mapping", optional=True),
-}
+MODEL_KEYS: dict[str, Key] = by_name(
+    {
+        Key("integers", low=1): "fcnet_hiddens head_fcnet_hiddens",
+        _ACTIVATION: "fcnet_activation head_fcnet_activation",
+        _OPTIONAL_TEXT: """
+            fcnet_kernel_initializer fcnet_bias_initializer head_fcnet_kernel_initializer head_fcnet_bias_initializer
+            lstm_kernel_initializer lstm_bias_initializer
+        """,
+        _OPTIONAL_MAPPING: """
+            fcnet_kernel_initializer_kwargs fcnet_bias_initializer_kwargs head_fcnet_kernel_initializer_kwargs
+            head_fcnet_bias_initializer_kwargs lstm_kernel_initializer_kwargs lstm_bias_initializer_kwargs
+        """,
+        _SWITCH: """
+            fcnet_use_layernorm head_fcnet_use_layernorm free_log_std vf_share_layers use_lstm lstm_use_prev_action
+            lstm_use_prev_reward
+        """,
+        _UNLIMITED: "log_std_clip_param",
+        _POSITIVE: "max_seq_len lstm_cell_size",
+    }
+)
 
 #: Defaults that differ from RLlib's.
 COMMON_DEFAULTS: dict[str, Any] = {

@@ -5,29 +5,26 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from safe_inspect.config.keys import by_name
 from safe_inspect.config.keys.rllib_keys import Key
 
-TUNE_KEYS: dict[str, Key] = {
-    "algorithm": Key("text"),
-    "name": Key("text", optional=True),
-    "storage_path": Key("text", optional=True),
-    "stop": Key("mapping", optional=True),
-    "num_samples": Key("integer", low=1),
-    "max_concurrent_trials": Key("integer", low=0, optional=True),
-    "time_budget_s": Key("number", low=0, optional=True),
-    "checkpoint_frequency": Key("integer", low=0),
-    "checkpoint_at_end": Key("boolean"),
-    "num_to_keep": Key("integer", low=1, optional=True),
-    "checkpoint_score_attribute": Key("text", optional=True),
-    "checkpoint_score_order": Key("text", choices=("max", "min")),
-    "max_failures": Key("integer", low=0),
-    "scheduler": Key("object", optional=True),
-    "search_alg": Key("object", optional=True),
-    "metric": Key("text", optional=True),
-    "mode": Key("text", choices=("max", "min"), optional=True),
-    "callbacks": Key("objects", optional=True),
-    "reuse_actors": Key("boolean"),
-}
+TUNE_KEYS: dict[str, Key] = by_name(
+    {
+        Key("text"): "algorithm",
+        Key("text", optional=True): "name storage_path checkpoint_score_attribute metric",
+        Key("mapping", optional=True): "stop",
+        Key("integer", low=1): "num_samples",
+        Key("integer", low=0, optional=True): "max_concurrent_trials",
+        Key("number", low=0, optional=True): "time_budget_s",
+        Key("integer", low=0): "checkpoint_frequency max_failures",
+        Key("boolean"): "checkpoint_at_end reuse_actors",
+        Key("integer", low=1, optional=True): "num_to_keep",
+        Key("text", choices=("max", "min")): "checkpoint_score_order",
+        Key("object", optional=True): "scheduler search_alg",
+        Key("text", choices=("max", "min"), optional=True): "mode",
+        Key("objects", optional=True): "callbacks",
+    }
+)
 
 TUNE_DEFAULTS: dict[str, Any] = {
     "num_samples": 1,
@@ -57,20 +54,18 @@ TUNE_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "resources_per_trial": ((None,), "give `num_env_runners`, `num_cpus_for_main_process`, ... in `rllib_configs`"),
 }
 
-TUNE_DROPPED: dict[str, str] = {
-    "verbose": "safe_inspect prints one line for each iteration",
-    "progress_reporter": "safe_inspect prints one line for each iteration",
-    "log_to_file": "Ray's logs are copied into the run folder when a run fails",
-    "sync_config": "the run folder is on a disk that all nodes share",
-    "upload_dir": "the run folder is on a disk that all nodes share",
-    "raise_on_failed_trial": "a failed training is always an error",
-    "fail_fast": "a failed training is always an error",
-    "queue_trials": "Tune always queues",
-    "trial_name_creator": "safe_inspect names the folders",
-    "trial_dirname_creator": "safe_inspect names the folders",
-    "export_formats": "checkpoints contain the policy",
-    "server_port": "it no longer has an effect",
-}
+TUNE_DROPPED: dict[str, str] = by_name(
+    {
+        "safe_inspect prints one line for each iteration": "verbose progress_reporter",
+        "Ray's logs are copied into the run folder when a run fails": "log_to_file",
+        "the run folder is on a disk that all nodes share": "sync_config upload_dir",
+        "a failed training is always an error": "raise_on_failed_trial fail_fast",
+        "Tune always queues": "queue_trials",
+        "safe_inspect names the folders": "trial_name_creator trial_dirname_creator",
+        "checkpoints contain the policy": "export_formats",
+        "it no longer has an effect": "server_port",
+    }
+)
 
 #: Criteria to stop a training, and their names in RLlib's old API stack. Limits of counters are above 0.
 STOP_COUNTS = (
@@ -93,37 +88,35 @@ STOP_KEYS = (
     "evaluation/env_runners/inspected_fraction",
 )
 
-STOP_RENAMED: dict[str, str] = {
-    "timesteps_total": "num_env_steps_sampled_lifetime",
-    "num_env_steps_sampled": "num_env_steps_sampled_lifetime",
-    "env_runners/num_env_steps_sampled_lifetime": "num_env_steps_sampled_lifetime",
-    "episodes_total": "env_runners/num_episodes_lifetime",
-    "episode_reward_mean": "env_runners/episode_return_mean",
-    "episode_reward_max": "env_runners/episode_return_max",
-    "episode_reward_min": "env_runners/episode_return_min",
-    "episode_return_mean": "env_runners/episode_return_mean",
-    "episode_len_mean": "env_runners/episode_len_mean",
-    "success_rate": "env_runners/success_rate",
-    "inspected_fraction": "env_runners/inspected_fraction",
-    "evaluation/episode_reward_mean": "evaluation/env_runners/episode_return_mean",
-    "evaluation/episode_len_mean": "evaluation/env_runners/episode_len_mean",
-}
+STOP_RENAMED: dict[str, str] = by_name(
+    {
+        "num_env_steps_sampled_lifetime": """
+            timesteps_total num_env_steps_sampled env_runners/num_env_steps_sampled_lifetime
+        """,
+        "env_runners/num_episodes_lifetime": "episodes_total",
+        "env_runners/episode_return_mean": "episode_reward_mean episode_return_mean",
+        "env_runners/episode_return_max": "episode_reward_max",
+        "env_runners/episode_return_min": "episode_reward_min",
+        "env_runners/episode_len_mean": "episode_len_mean",
+        "env_runners/success_rate": "success_rate",
+        "env_runners/inspected_fraction": "inspected_fraction",
+        "evaluation/env_runners/episode_return_mean": "evaluation/episode_reward_mean",
+        "evaluation/env_runners/episode_len_mean": "evaluation/episode_len_mean",
+    }
+)
 
-RAY_KEYS: dict[str, Key] = {
-    "address": Key("text", optional=True),
-    "num_cpus": Key("integer", low=1, optional=True),
-    "num_gpus": Key("integer", low=0, optional=True),
-    "resources": Key("mapping", optional=True),
-    "object_store_memory": Key("integer", low=78_643_200, high=2**63 - 1, optional=True),
-    "include_dashboard": Key("boolean", optional=True),
-    "dashboard_host": Key("text"),
-    "dashboard_port": Key("integer", low=0, optional=True),
-    "log_to_driver": Key("boolean", optional=True),
-    "logging_level": Key("text", choices=("debug", "info", "warning", "error")),
-    "namespace": Key("text", optional=True),
-    "runtime_env": Key("mapping", optional=True),
-    "temporary_folder": Key("text", optional=True),
-}
+RAY_KEYS: dict[str, Key] = by_name(
+    {
+        Key("text", optional=True): "address namespace temporary_folder",
+        Key("integer", low=1, optional=True): "num_cpus",
+        Key("integer", low=0, optional=True): "num_gpus dashboard_port",
+        Key("mapping", optional=True): "resources runtime_env",
+        Key("integer", low=78_643_200, high=2**63 - 1, optional=True): "object_store_memory",
+        Key("boolean", optional=True): "include_dashboard log_to_driver",
+        Key("text"): "dashboard_host",
+        Key("text", choices=("debug", "info", "warning", "error")): "logging_level",
+    }
+)
 
 #: Valid values of `address`.
 RAY_ADDRESS = re.compile(r"auto|local|(ray://)?([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d+)?")
@@ -136,8 +129,6 @@ RAY_DEFAULTS: dict[str, Any] = {
 }
 
 RAY_RENAMED: dict[str, str] = {"_temp_dir": "temporary_folder", "temp_dir": "temporary_folder"}
-
-RAY_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {}
 
 RAY_DROPPED: dict[str, str] = {
     "local_mode": "Ray no longer supports it; `num_env_runners: 0` samples in the learner's process",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
-from safe_inspect.environments.facades.action_arrays import action_array
+from safe_inspect.environments.facades.arguments import action_array
+from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import AgentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray
@@ -14,26 +14,27 @@ from safe_inspect.types import AnyArray
 Space = TypeVar("Space")
 
 
-@dataclass(frozen=True)
-class Place:
-    """Position of a controlled agent in the arrays of the core.
+class AgentsByName:
+    """The controlled agents of an environment.
+
+    Args:
+        environment: The environment.
 
     Attributes:
-        group: Index of the agent's group among the acting groups.
-        member: Index of the agent in the group.
+        places: For each agent, in order, the index of its group among the acting groups, and its index in the group.
+        observation_spaces: Space of one observation, by agent.
+        action_spaces: Space of one action, by agent.
     """
 
-    group: int
-    member: int
+    def __init__(self, environment: TeamEnvironment) -> None:
+        groups = environment.acting
+        self.places = {agent: (i, k) for i, group in enumerate(groups) for k, agent in enumerate(group.agents)}
+        self.observation_spaces = {agent: box(groups[i].observation_layout) for agent, (i, _) in self.places.items()}
+        self.action_spaces = {agent: action_space(groups[i].action_layout) for agent, (i, _) in self.places.items()}
 
-
-def places_of(environment: TeamEnvironment) -> dict[str, Place]:
-    """Return the place of every controlled agent, in agent order."""
-    return {
-        agent: Place(index, member)
-        for index, group in enumerate(environment.acting)
-        for member, agent in enumerate(group.agents)
-    }
+    def split(self, groups: Sequence[AnyArray]) -> dict[str, AnyArray]:
+        """Return the arrays of each agent, shape (N, ...), from those of the acting groups, shape (N, G, ...)."""
+        return {agent: groups[index][:, member] for agent, (index, member) in self.places.items()}
 
 
 def space_of(spaces: Mapping[str, Space], agent: str) -> Space:

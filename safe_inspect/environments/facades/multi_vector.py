@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
-from safe_inspect.environments.episodes import state_info, team_info, transition_info
-from safe_inspect.environments.facades.by_agent import checked_actions, places_of
-from safe_inspect.environments.facades.make_arguments import checked_autoreset, checked_gamma, checked_slot
-from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
-from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.episodes import current_infos, team_info
+from safe_inspect.environments.facades.arguments import (
+    checked_autoreset,
+    checked_gamma,
+    checked_slot,
+    fresh_seed,
+    masked_rows,
+)
+from safe_inspect.environments.facades.by_agent import AgentsByName, checked_actions
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -83,17 +87,10 @@ class MultiAgentVectorEnv:
         self._seed = seed
         self.np_random_seed: int | None = None
         self.metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        acting = self.core.acting
-        self._places = places_of(self.core)
-        self._groups = [self.core.groups.index(group) for group in acting]
-        self._has_filter = spec.team_safety is not None and spec.team_safety.enabled
-        self.agents = tuple(self._places)
-        self.single_observation_spaces = {
-            agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
-        }
-        self.single_action_spaces = {
-            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
-        }
+        self._controlled = AgentsByName(self.core)
+        self.agents = tuple(self._controlled.places)
+        self.single_observation_spaces = self._controlled.observation_spaces
+        self.single_action_spaces = self._controlled.action_spaces
         self.observation_spaces = {
             agent: batch_space(space, num_envs) for agent, space in self.single_observation_spaces.items()
         }
@@ -131,7 +128,7 @@ class MultiAgentVectorEnv:
             raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
-        return self._by_agent(self._observations), self._now()
+        return self._controlled.split(self._observations), self._now()
 
     def step(self, actions: Mapping[str, AnyArray]) -> tuple[ByAgent, ByAgent, ByAgent, ByAgent, dict[str, Any]]:
         """Hold the actions for one step.
@@ -153,25 +150,18 @@ class MultiAgentVectorEnv:
             rows = np.flatnonzero(self._over)[:8].tolist()
             raise SafeInspectError(f"the episodes of the environments {rows} are over; reset them first")
         stacked = self._stacked(checked_actions(actions, self.agents, self._shapes))
-        if self.core.decides:
-            decided = decide(self.core, stacked, self._gamma)
-            found, group_infos, over = decided.groups, decided.infos, decided.over
-        else:
-            transition = self.core.step(stacked)
-            found, over = [transition.groups[index] for index in self._groups], transition.over
-            group_infos = [transition_info(group, transition.filtered) for group in found]
-        infos = self._infos(group_infos)
-        self._observations = [group.observation for group in found]
-        self._over = over
+        decided, split = decide(self.core, stacked, self._gamma), self._controlled.split
+        found, over, infos = decided.groups, decided.over, self._infos(decided.infos)
+        self._observations, self._over = [group.observation for group in found], over
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(over):
-            final = {"final_obs": self._by_agent(self._observations), "final_info": infos}
+            final = {"final_obs": split(self._observations), "final_info": infos}
             self._begin(np.flatnonzero(over))
             infos = infos | self._now() | final | {"_final_obs": over, "_final_info": over.copy()}
         return (
-            self._by_agent(self._observations),
-            self._by_agent([group.reward for group in found]),
-            self._by_agent([group.terminated for group in found]),
-            self._by_agent([group.truncated for group in found]),
+            split(self._observations),
+            split([group.reward for group in found]),
+            split([group.terminated for group in found]),
+            split([group.truncated for group in found]),
             infos,
         )
 
@@ -187,7 +177,7 @@ class MultiAgentVectorEnv:
         for group in self.core.acting:
             array = np.stack([actions[agent] for agent in group.agents], axis=1)
             if not everyone:
-                array = np.where(active[:, group.first : group.first + group.size, None], array, 0.0)
+                array = np.where(active[:, group.members, None], array, 0.0)
             stacked.append(array)
         return stacked
 
@@ -202,18 +192,15 @@ class MultiAgentVectorEnv:
 
     def _now(self) -> dict[str, Any]:
         """Return the infos of the current state."""
-        return self._infos([state_info(self.core.view(index), has_filter=self._has_filter) for index in self._groups])
+        return self._infos(current_infos(self.core))
 
     def _infos(self, groups: Sequence[Mapping[str, AnyArray]]) -> dict[str, Any]:
         active = self.core.state.finished == 0
-        infos: dict[str, Any] = {"active": {}}
+        split = self._controlled.split
+        infos: dict[str, Any] = {"active": split([active[:, group.members] for group in self.core.acting])}
         for group, found in zip(self.core.acting, groups, strict=True):
-            infos["active"] |= {agent: active[:, group.first + member] for member, agent in enumerate(group.agents)}
             for name, array in found.items():
                 rows = array.reshape(self.num_envs, group.size)
                 infos.setdefault(name, {}).update({agent: rows[:, k] for k, agent in enumerate(group.agents)})
         infos |= {f"team/{name}": array for name, array in team_info(self.core).items()}
         return infos | {name: array.copy() for name, array in self.core.simulation.reset_info.items()}
-
-    def _by_agent(self, groups: Sequence[AnyArray]) -> ByAgent:
-        return {agent: groups[place.group][:, place.member] for agent, place in self._places.items()}

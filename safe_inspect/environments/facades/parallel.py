@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,12 +11,10 @@ from pettingzoo import ParallelEnv
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
-from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
-from safe_inspect.environments.facades.by_agent import checked_actions, places_of, space_of
-from safe_inspect.environments.facades.make_arguments import checked_gamma, checked_slot
+from safe_inspect.environments.episodes import current_infos, info_row, step_info
+from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot, fresh_seed
+from safe_inspect.environments.facades.by_agent import AgentsByName, checked_actions, space_of
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
-from safe_inspect.environments.facades.reset_arguments import fresh_seed
-from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -66,18 +65,11 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
         self._view = None if render_mode is None else Rendering(self.core, render_mode)
-        acting = self.core.acting
-        self._places = places_of(self.core)
-        self._groups = [self.core.groups.index(group) for group in acting]
-        self._has_filter = spec.team_safety is not None and spec.team_safety.enabled
-        self.possible_agents = list(self._places)
+        self._controlled = AgentsByName(self.core)
+        self.possible_agents = list(self._controlled.places)
         self.agents: list[str] = []
-        self.observation_spaces = {
-            agent: box(acting[place.group].observation_layout) for agent, place in self._places.items()
-        }
-        self.action_spaces = {
-            agent: action_space(acting[place.group].action_layout) for agent, place in self._places.items()
-        }
+        self.observation_spaces = self._controlled.observation_spaces
+        self.action_spaces = self._controlled.action_spaces
         self._shapes = {agent: space.shape for agent, space in self.action_spaces.items()}
         self.state_space = Box(-np.inf, np.inf, self.state().shape, dtype=np.float32)
 
@@ -116,12 +108,11 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         if self._view is not None:
             self._view.begin()
         drawn = self.core.simulation.reset_info
-        group_infos = [state_info(self.core.view(index), has_filter=self._has_filter) for index in self._groups]
-        infos = {}
-        for agent, place in self._places.items():
-            infos[agent] = info_row(group_infos[place.group], place.member) | {
-                name: n[0].item() for name, n in drawn.items()
-            }
+        group_infos = current_infos(self.core)
+        infos = {
+            agent: info_row(group_infos[index], member) | {name: n[0].item() for name, n in drawn.items()}
+            for agent, (index, member) in self._controlled.places.items()
+        }
         return self._by_agent(observations), infos
 
     def close(self) -> None:
@@ -147,27 +138,19 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         given = checked_actions(actions, self.agents, self._shapes)
         arrays = [np.zeros((1, group.size, group.action_layout.size)) for group in self.core.acting]
         for agent, action in given.items():
-            place = self._places[agent]
-            arrays[place.group][0, place.member] = action
+            index, member = self._controlled.places[agent]
+            arrays[index][0, member] = action
         follow = None if self._view is None else self._view.follow
-        if self.core.decides:
-            decided = decide(self.core, arrays, self._gamma, follow=follow)
-            found, group_infos = decided.groups, decided.infos
-        else:
-            transition = self.core.step(arrays)
-            if follow is not None:
-                follow()
-            found = [transition.groups[index] for index in self._groups]
-            group_infos = [transition_info(group, transition.filtered) for group in found]
-        observations = self._by_agent([group.observation for group in found])
+        decided = decide(self.core, arrays, self._gamma, follow=follow)
+        observations = self._by_agent([group.observation for group in decided.groups])
         rewards, terminations, truncations, infos = {}, {}, {}, {}
         for agent in self.agents:
-            place = self._places[agent]
-            group, member = found[place.group], place.member
+            index, member = self._controlled.places[agent]
+            group = decided.groups[index]
             rewards[agent] = float(group.reward[0, member])
             terminations[agent] = bool(group.terminated[0, member])
             truncations[agent] = bool(group.truncated[0, member])
-            infos[agent] = step_info(group, group_infos[place.group], member)
+            infos[agent] = step_info(group, decided.infos[index], member)
         self.agents = [agent for agent in self.agents if not (terminations[agent] or truncations[agent])]
         return observations, rewards, terminations, truncations, infos
 
@@ -182,7 +165,5 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         parts = (team.position, team.velocity, team.finished != 0, *seen)
         return np.concatenate([np.asarray(part, dtype=np.float32).reshape(-1) for part in parts])
 
-    def _by_agent(self, groups: tuple[AnyArray, ...] | list[AnyArray]) -> dict[str, Observation]:
-        return {
-            agent: groups[place.group][0, place.member] for agent, place in self._places.items() if agent in self.agents
-        }
+    def _by_agent(self, groups: Sequence[AnyArray]) -> dict[str, Observation]:
+        return {agent: rows[0] for agent, rows in self._controlled.split(groups).items() if agent in self.agents}

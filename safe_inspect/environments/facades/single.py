@@ -9,11 +9,15 @@ import gymnasium
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import decide
-from safe_inspect.environments.episodes import info_row, state_info, step_info, transition_info
-from safe_inspect.environments.facades.action_arrays import action_array
-from safe_inspect.environments.facades.make_arguments import checked_gamma, checked_slot
+from safe_inspect.environments.episodes import current_infos, info_row, step_info
+from safe_inspect.environments.facades.arguments import (
+    action_array,
+    check_options,
+    checked_gamma,
+    checked_slot,
+    fresh_seed,
+)
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
-from safe_inspect.environments.facades.reset_arguments import check_options, fresh_seed
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import Observation
@@ -73,7 +77,8 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         self._running = True
         if self._view is not None:
             self._view.begin()
-        return observation, info_row(state_info(self.core.view()) | self.core.simulation.reset_info, 0)
+        (info,) = current_infos(self.core.team)
+        return observation, info_row(info | self.core.simulation.reset_info, 0)
 
     def close(self) -> None:
         """Close the window, if there is one, and end the episode."""
@@ -95,16 +100,9 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         array, mistake = action_array(action, self.action_space.shape)
         if mistake:
             raise ArgumentError(f"the action {mistake}")
-        team, given = self.core.team, array[None, None]
         follow = None if self._view is None else self._view.follow
-        if team.decides:
-            decided = decide(team, (given,), self._gamma, follow=follow)
-            (transition,), (infos,) = decided.groups, decided.infos
-        else:
-            transition = self.core.step(given)
-            infos = transition_info(transition)
-            if follow is not None:
-                follow()
+        decided = decide(self.core.team, (array[None, None],), self._gamma, follow=follow)
+        (transition,), (infos,) = decided.groups, decided.infos
         terminated, truncated = bool(transition.terminated[0, 0]), bool(transition.truncated[0, 0])
         self._running = not (terminated or truncated)
         info = step_info(transition, infos, 0)

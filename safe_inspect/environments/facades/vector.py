@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment, require_one_agent
 from safe_inspect.environments.decisions import DISCOUNT, decide
-from safe_inspect.environments.episodes import state_info, transition_info
-from safe_inspect.environments.facades.action_arrays import action_array
-from safe_inspect.environments.facades.make_arguments import checked_autoreset, checked_gamma, checked_slot
+from safe_inspect.environments.episodes import current_infos
+from safe_inspect.environments.facades.arguments import (
+    action_array,
+    checked_autoreset,
+    checked_gamma,
+    checked_slot,
+    fresh_seed,
+    masked_rows,
+)
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
     RENDER_MODES,
@@ -24,7 +30,6 @@ from safe_inspect.environments.facades.rendering import (
     checked_mode,
     require_rendering,
 )
-from safe_inspect.environments.facades.reset_arguments import fresh_seed, masked_rows
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import ArgumentError, SafeInspectError
@@ -124,7 +129,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         else:
             self._begin(rows)
         began = self._everyone if rows is None else np.isin(np.arange(self.num_envs), rows)
-        return self._observation.copy(), self._masked(state_info(self.core.view())) | self._drawn(began)
+        return self._observation.copy(), self._masked(self._now()) | self._drawn(began)
 
     def step(self, actions: Observation) -> tuple[Observation, AnyArray, BoolArray, BoolArray, dict[str, Any]]:
         """Hold the actions for one step; ended environments are reset as `autoreset_mode` says.
@@ -151,22 +156,16 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         if ended.any():
             actions = np.where(ended[:, None], np.float32(0.0), actions)  # their action is ignored
         follow = None if self._view is None else self._view.follow
-        infos: dict[str, Any]
-        if self.core.team.decides and not ended.all():
-            decided = decide(self.core.team, (actions[:, None],), self._gamma, ended, follow)
-            transition, infos = decided.groups[0], self._masked(decided.infos[0])
-        else:
-            transition = self.core.step(actions[:, None])
-            infos = self._masked(transition_info(transition))
-            if follow is not None:
-                follow()
+        decided = decide(self.core.team, (actions[:, None],), self._gamma, ended, follow)
+        (transition,), (info,) = decided.groups, decided.infos
+        infos = self._masked(info)
         self._observation = transition.observation[:, 0]
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
         if ended.any():  # NEXT_STEP: this step is their reset
             self._begin(np.flatnonzero(ended))
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
-            fresh = state_info(self.core.view())
+            fresh = self._now()
             for name, array in infos.items():
                 if name.startswith("_"):
                     continue
@@ -180,7 +179,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
                 final[index] = self._observation[index].copy()
             infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
             self._begin(rows)
-            infos |= state_info(self.core.view()) | self._drawn(mask)
+            infos |= self._now() | self._drawn(mask)
         elif self.autoreset_mode is AutoresetMode.SAME_STEP:  # TorchRL needs the names of the first reset in every step
             infos |= self._drawn(self._ended)
         return self._observation.copy(), reward, terminated, truncated, infos
@@ -201,6 +200,11 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self._closed = True
         if self._view is not None:
             self._view.close()
+
+    def _now(self) -> dict[str, AnyArray]:
+        """Return the infos of the current state."""
+        (info,) = current_infos(self.core.team)
+        return info
 
     def _masked(self, infos: dict[str, Any], rows: BoolArray | None = None) -> dict[str, Any]:
         """Return infos with a mask ``_NAME`` for each, as Gymnasium does: the environments for which it is valid."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.environments.finite_checks import all_finite, numbers, require_finite, require_shape
+from safe_inspect.environments.finite_checks import all_finite, require_finite
 from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.fused.command import command
 from safe_inspect.environments.fused.program import PlacedProgram, Program
@@ -139,26 +139,14 @@ class FusedGroup:
     def _call(self, step: Step, readings: FloatArray, values: FloatArray, flags: BoolArray) -> None:
         """Call the plugins without a row kernel, and write their results where the kernel reads them."""
         self._call_sensors(step.after, readings)
-        rows = (step.after.num_rows,)
         for index in self._program.rewards:
-            named = self._group.agent.rewards[index]
-            value = numbers(f"reward {named.name}", named.functor(step))
-            if value.shape != rows:
-                require_shape(f"reward {named.name}", value, rows)
-            values[1 + index] = value
+            values[1 + index] = self._group.term(self._group.agent.rewards[index], step)
         for index in self._program.dones:
-            ending = self._group.dones[index]
-            done = np.asarray(ending.functor(step), dtype=np.bool_)
-            if done.shape != rows:
-                require_shape(f"done {ending.name}", done, rows)
-            flags[2 + index] = done
+            flags[2 + index] = self._group.fires(self._group.dones[index], step)
 
     def _call_sensors(self, view: View, readings: FloatArray) -> None:
         for glue, columns in self._program.glues:
-            part = glue(view)
-            shape = (view.num_rows, columns.stop - columns.start)
-            if part.shape != shape:
-                require_shape(self._group.title(glue), part, shape)
+            part = self._group.values(glue, view, columns.stop - columns.start)
             if not all_finite(part):
                 require_finite(self._group.title(glue), part, view.state)
             readings[:, columns] = part

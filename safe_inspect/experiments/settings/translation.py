@@ -24,7 +24,7 @@ _MODEL = KeyTables(
 )
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 _LIMIT = Key("number", low=1, high=math.inf)
-_RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, run_keys.RAY_ONLY_AT)
+_RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
 
 def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) -> TranslatedSettings:

@@ -1,22 +1,26 @@
-"""Checks of the arguments with which the façades make environments."""
+"""Checks of the arguments with which environments are made, reset and stepped."""
 
 from __future__ import annotations
 
 import inspect
+import secrets
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.keys.other_words import OTHER_WORDS
 from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
+from safe_inspect.types import AnyArray, IntArray
 
 #: Largest first slot, so that all slots of a batch fit in 64 bits.
 _LAST_SLOT = 2**62
+_MASK = "reset_mask"
 
 
 def checked_gamma(gamma: Any) -> float:
@@ -91,8 +95,66 @@ def check_keywords(
                 load_experiment(cfg, [*overrides, override])
             hint = f"a value of the configuration is replaced by overrides=[{override!r}]"
         except ConfigError as error:
-            if "fits" in str(error):  # several keys of the configuration have the name
+            if any(problem.ambiguous for problem in error.problems):
                 hint = f"as an override, {error}"
         problems.append(f"{made.__name__}() got an unexpected keyword argument {name!r}; {hint}")
     if problems:
         raise KeywordError("\n".join(problems))
+
+
+def fresh_seed() -> int:
+    """Return a seed from the operating system, for an environment without a given seed."""
+    return secrets.randbits(64)
+
+
+def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()) -> None:
+    """Check the options of a reset.
+
+    Raises:
+        ArgumentError: An option is unknown, or the options are not a dictionary.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ArgumentError(f"reset: options: a dictionary is expected, not {options!r}")
+    unknown = [name for name in options or () if name not in known]
+    if unknown:
+        taken = f"it takes {', '.join(map(repr, known))} alone" if known else "it takes none"
+        raise ArgumentError(f"reset: the options {unknown} are unknown; {taken}")
+
+
+def masked_rows(options: Mapping[str, Any] | None, num_envs: int, seed: int | None) -> IntArray | None:
+    """Return the indices of the environments that ``options["reset_mask"]`` selects; None without a mask.
+
+    Raises:
+        ArgumentError: An option is unknown, the mask is not bool of shape (N,), or both a mask and a seed are given.
+    """
+    check_options(options, (_MASK,))
+    mask = (options or {}).get(_MASK)
+    if mask is None:
+        return None
+    if seed is not None:
+        raise ArgumentError("reset: a seed resets all environments; give a seed or a `reset_mask`, not both")
+    mask = np.asarray(mask)
+    if mask.dtype != np.bool_ or mask.shape != (num_envs,):
+        raise ArgumentError(
+            f"reset: `reset_mask` has the shape {mask.shape} and the type {mask.dtype}; "
+            f"give one bool for each environment, shape ({num_envs},)"
+        )
+    return np.flatnonzero(mask)
+
+
+def action_array(given: Any, shape: tuple[int, ...] | None) -> tuple[AnyArray, str]:
+    """Return actions as an array, and a description of what is wrong with them (empty if they are valid).
+
+    Args:
+        given: The actions.
+        shape: The expected shape.
+    """
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        return np.empty(0), f"is ragged; expected an array of the shape {shape}"
+    if array.shape != shape:
+        return array, f"has the shape {array.shape}; expected {shape}"
+    if array.dtype.kind not in "biuf":
+        return array, f"contains values that are not numbers ({array.dtype}); expected numbers of the shape {shape}"
+    return array, ""
