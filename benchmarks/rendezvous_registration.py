@@ -33,8 +33,8 @@ from safe_inspect.types import FloatArray
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
-def _no_outline(*_: Any) -> tuple[float, float, int, int]:
-    return 0.0, 0.0, 1, 0
+def _no_outline(*_: Any) -> tuple[float, int]:
+    return 0.0, 1
 
 
 def _all_faces(self: Faces, _: FloatArray) -> Any:

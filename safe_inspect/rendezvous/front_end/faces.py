@@ -36,9 +36,6 @@ class FrameView(NamedTuple):
         outwards: Direction along rows and columns out of the silhouette, shape (2, height, width).
         measured: Smallest depth at a pixel and its neighbours, infinite for none [m], shape (height, width).
         intrinsics: Focal lengths and principal point ``(fx, fy, cx, cy)``, x along rows and y along columns [px].
-        sigma: Standard deviation of the silhouette [px].
-        cut: Distance to the silhouette at which Huber's weights begin to decrease [m].
-        least_cosine: Minimum cosine of incidence at which a point of the shape should be visible.
         nearest: Range below which the camera may measure nothing [m].
         farthest: Range above which the camera may measure nothing [m].
         noise: Error model of the camera.
@@ -50,9 +47,6 @@ class FrameView(NamedTuple):
     outwards: FloatArray
     measured: FloatArray
     intrinsics: tuple[float, float, float, float]
-    sigma: float
-    cut: float
-    least_cosine: float
     nearest: float
     farthest: float
     noise: RangeNoise

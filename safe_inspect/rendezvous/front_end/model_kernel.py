@@ -25,9 +25,35 @@ _LEAST_SHARE = 0.005
 #: Width of the image border that is not compared with the silhouette, and size of the cells in which parts that are
 #: too close hide others [px].
 _BORDER, _CELL = 2.0, 16
+#: Minimum cosine of incidence at which a point of the shape should be visible.
+_VISIBLE_COSINE = 0.25
+#: Standard deviation of the silhouette [px], and distance to it at which Huber's weights begin to decrease [m].
+_OUTLINE, _OUTLINE_CUT = 1.5, 0.02
 #: Number of standard deviations of the range by which a point must be in front of all depths measured at its pixel and
 #: the neighbouring ones to count as seen through.
 _SEEN_THROUGH = 1.0
+
+
+@njit
+def _rotated_back(transform: FloatArray, vector: FloatArray | tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return ``R^T v`` for the rotation R of a transform; v is an array or a tuple."""
+    x, y, z = vector[0], vector[1], vector[2]
+    return (
+        transform[0, 0] * x + transform[1, 0] * y + transform[2, 0] * z,
+        transform[0, 1] * x + transform[1, 1] * y + transform[2, 1] * z,
+        transform[0, 2] * x + transform[1, 2] * y + transform[2, 2] * z,
+    )
+
+
+@njit
+def _add_equation(
+    row: tuple[float, ...], residual: float, weight: float, hessian: FloatArray, gradient: FloatArray
+) -> None:
+    """Add the weighted equation of a residual with the derivative `row`, six numbers."""
+    for m in range(6):
+        gradient[m] += weight * row[m] * residual
+        for n in range(6):
+            hessian[m, n] += weight * row[m] * row[n]
 
 
 @njit
@@ -74,7 +100,7 @@ def face_equations(
     noise: RangeNoise,
     hessian: FloatArray,
     gradient: FloatArray,
-) -> tuple[float, float, int, int]:
+) -> tuple[float, float, int]:
     """Set the normal equations of measured points against the visible faces, and return sums over the points.
 
     Points on a face that is seen at too flat an angle, or that has too few points, do not count. The residuals are the
@@ -93,22 +119,19 @@ def face_equations(
         gradient: Output, shape (6,).
 
     Returns:
-        Sum of the weighted squares of the residuals, sum of the distances, each at most `FAR` [m], number of points,
-        and number of points within the cut.
+        Sum of the weighted squares of the residuals, sum of the distances, each at most `FAR` [m], and number of points
+        within the cut.
     """
     hessian[:] = 0.0
     gradient[:] = 0.0
     squares, distance, inliers = 0.0, 0.0, 0
-    r00, r01, r02 = transform[0, 0], transform[0, 1], transform[0, 2]
-    r10, r11, r12 = transform[1, 0], transform[1, 1], transform[1, 2]
-    r20, r21, r22 = transform[2, 0], transform[2, 1], transform[2, 2]
     nearest, counts = np.empty(points.shape[0], np.int64), np.zeros(faces.centre.shape[0], np.int64)
     offsets = np.empty((points.shape[0], 3))
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        x = r00 * px + r01 * py + r02 * pz + transform[0, 3]
-        y = r10 * px + r11 * py + r12 * pz + transform[1, 3]
-        z = r20 * px + r21 * py + r22 * pz + transform[2, 3]
+        x = transform[0, 0] * px + transform[0, 1] * py + transform[0, 2] * pz + transform[0, 3]
+        y = transform[1, 0] * px + transform[1, 1] * py + transform[1, 2] * pz + transform[1, 3]
+        z = transform[2, 0] * px + transform[2, 1] * py + transform[2, 2] * pz + transform[2, 3]
         f, h, a, b = _nearest_face(faces, visible, x, y, z)
         square = h * h + a * a + b * b if f >= 0 else FAR * FAR
         distance += min(math.sqrt(square), FAR)
@@ -123,37 +146,27 @@ def face_equations(
         if f < 0 or counts[f] < least:
             continue
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        h, a, b = offsets[i, 0], offsets[i, 1], offsets[i, 2]
-        square = h * h + a * a + b * b
-        nx, ny, nz = faces.axes[f, 0, 0], faces.axes[f, 0, 1], faces.axes[f, 0, 2]
-        cosine = abs(
-            (r00 * nx + r10 * ny + r20 * nz) * rays[i, 0]
-            + (r01 * nx + r11 * ny + r21 * nz) * rays[i, 1]
-            + (r02 * nx + r12 * ny + r22 * nz) * rays[i, 2]
-        )
-        if cosine < _LEAST_COSINE:
-            continue
+        square = offsets[i, 0] ** 2 + offsets[i, 1] ** 2 + offsets[i, 2] ** 2
         kept = (1.0 - square / (noise.cut * noise.cut)) ** 2
         across = (noise.lateral * ranges[i]) ** 2
+        cosine = 0.0
         for k in range(3):
-            residual = h if k == 0 else (a if k == 1 else b)
+            residual = offsets[i, k]
             if k > 0 and residual == 0.0:
                 continue
-            nx, ny, nz = faces.axes[f, k, 0], faces.axes[f, k, 1], faces.axes[f, k, 2]
-            gx = r00 * nx + r10 * ny + r20 * nz
-            gy = r01 * nx + r11 * ny + r21 * nz
-            gz = r02 * nx + r12 * ny + r22 * nz
+            gx, gy, gz = _rotated_back(transform, faces.axes[f, k])
             along = gx * rays[i, 0] + gy * rays[i, 1] + gz * rays[i, 2]
+            if k == 0:  # the normal
+                cosine = abs(along)
+            if cosine < _LEAST_COSINE:
+                break
             sigma = noise.sigma0 + noise.k * ranges[i] * ranges[i] / cosine
             along *= along
             weight = kept / (sigma * sigma * along + across * (1.0 - along))
             row = (py * gz - pz * gy, pz * gx - px * gz, px * gy - py * gx, gx, gy, gz)
-            for m in range(6):
-                gradient[m] += weight * row[m] * residual
-                for n in range(6):
-                    hessian[m, n] += weight * row[m] * row[n]
+            _add_equation(row, residual, weight, hessian, gradient)
             squares += weight * residual * residual
-    return squares, distance, points.shape[0], inliers
+    return squares, distance, inliers
 
 
 @njit
@@ -166,26 +179,19 @@ def _seen_at(
     is too close or too far to be measured. Column and row are half-integers at the centre of a pixel.
     """
     height, width = view.silhouette.shape[1], view.silhouette.shape[2]
-    axes, origin = view.axes, view.origin
     fx, fy, cx, cy = view.intrinsics
     mx = samples.points[i, 0] - transform[0, 3]
     my = samples.points[i, 1] - transform[1, 3]
     mz = samples.points[i, 2] - transform[2, 3]
-    x = transform[0, 0] * mx + transform[1, 0] * my + transform[2, 0] * mz
-    y = transform[0, 1] * mx + transform[1, 1] * my + transform[2, 1] * mz
-    z = transform[0, 2] * mx + transform[1, 2] * my + transform[2, 2] * mz
-    mx, my, mz = samples.normals[i, 0], samples.normals[i, 1], samples.normals[i, 2]
-    nx = transform[0, 0] * mx + transform[1, 0] * my + transform[2, 0] * mz
-    ny = transform[0, 1] * mx + transform[1, 1] * my + transform[2, 1] * mz
-    nz = transform[0, 2] * mx + transform[1, 2] * my + transform[2, 2] * mz
-    dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
+    x, y, z = _rotated_back(transform, (mx, my, mz))
+    nx, ny, nz = _rotated_back(transform, samples.normals[i])
+    dx, dy, dz = x - view.origin[0], y - view.origin[1], z - view.origin[2]
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    depth = axes[0, 2] * dx + axes[1, 2] * dy + axes[2, 2] * dz
+    right, down, depth = _rotated_back(view.axes, (dx, dy, dz))
     cosine = -(dx * nx + dy * ny + dz * nz) / distance
-    if cosine < view.least_cosine or depth <= 0.0:
+    if cosine < _VISIBLE_COSINE or depth <= 0.0:
         return 0.0, 0.0, 0.0, x, y, z, cosine
-    column = fx * (axes[0, 0] * dx + axes[1, 0] * dy + axes[2, 0] * dz) / depth + cx + 0.5
-    row = fy * (axes[0, 1] * dx + axes[1, 1] * dy + axes[2, 1] * dz) / depth + cy + 0.5
+    column, row = fx * right / depth + cx + 0.5, fy * down / depth + cy + 0.5
     # At the border of the image, half of a pixel's neighbourhood is not visible.
     if not (_BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER):
         return 0.0, 0.0, 0.0, x, y, z, cosine
@@ -196,7 +202,7 @@ def _seen_at(
 @njit
 def add_silhouette_equations(
     samples: SurfacePoints, transform: FloatArray, view: FrameView, hessian: FloatArray, gradient: FloatArray
-) -> tuple[float, float, int, int]:
+) -> tuple[float, int]:
     """Add the normal equations of points that should be visible outside the silhouette, and return sums over them.
 
     The residual of such a point is its distance to the border of the silhouette, perpendicular to the ray and along the
@@ -213,9 +219,9 @@ def add_silhouette_equations(
         gradient: Vector to which the equations are added, shape (6,).
 
     Returns:
-        The same sums, and the number of points beyond the silhouette in place of those within the cut.
+        Sum of the distances, each at most `FAR` [m], and number of points.
     """
-    squares, total, seen, beyond = 0.0, 0.0, 0, 0
+    total, seen = 0.0, 0
     height, width = view.silhouette.shape[1], view.silhouette.shape[2]
     axes = view.axes
     fx, fy, cx, cy = view.intrinsics
@@ -244,16 +250,11 @@ def add_silhouette_equations(
             if through < math.inf:
                 total += min(max(through, 0.0), FAR)
             continue
-        beyond += 1
         total += min(residual, FAR)
-        weight = min(1.0, view.cut / residual) / (view.sigma * pixel) ** 2
-        squares += weight * residual * residual
+        weight = min(1.0, _OUTLINE_CUT / residual) / (_OUTLINE * pixel) ** 2
         gx = across * (axes[0, 0] - right * axes[0, 2]) + up * (axes[0, 1] - down * axes[0, 2])
         gy = across * (axes[1, 0] - right * axes[1, 2]) + up * (axes[1, 1] - down * axes[1, 2])
         gz = across * (axes[2, 0] - right * axes[2, 2]) + up * (axes[2, 1] - down * axes[2, 2])
         line = (gy * z - gz * y, gz * x - gx * z, gx * y - gy * x, -gx, -gy, -gz)
-        for m in range(6):
-            gradient[m] += weight * line[m] * residual
-            for n in range(6):
-                hessian[m, n] += weight * line[m] * line[n]
-    return squares, total, seen, beyond
+        _add_equation(line, residual, weight, hessian, gradient)
+    return total, seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -19,6 +19,8 @@ from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
+#: Largest component of a step [rad, m].
+_LARGEST_STEP = 0.2
 #: Distance to a face beyond which points do not count [m].
 _CUT = 0.03
 #: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
@@ -49,25 +51,6 @@ class Prior:
 
     pose: FloatArray
     information: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Normal equations of a frame at a pose; the tangent acts from the right.
-
-    Attributes:
-        hessian: Matrix of the equations, shape (6, 6).
-        gradient: Gradient of the cost, shape (6,).
-        score: Mean distance of the points to the shape plus that of the shape to the silhouette, each at most 5 cm [m].
-        inliers: Fraction of the points that are close to the shape.
-        excess: Mean weighted square of the residuals.
-    """
-
-    hessian: FloatArray
-    gradient: FloatArray
-    score: float
-    inliers: float
-    excess: float
 
 
 class ModelRegistration:
@@ -126,25 +109,29 @@ class ModelRegistration:
         pose = start
         base = np.zeros((6, 6)) if prior is None else prior.information
         for step in range(iterations + 1):
-            found = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
+            found, gradient = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
             if step == iterations:
                 break
             offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
             damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
-            move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
+            move: FloatArray = -np.linalg.solve(found.hessian + base + damping, gradient + offset)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
-            pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
+            pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))
         # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
         turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0) ** _SPREAD_POWER
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
-        return Registration(pose, found.hessian, found.score, found.inliers, excess, systematic)
+        return replace(found, excess=excess, systematic=systematic)
 
-    def linearise(self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False) -> Linearised:
-        """Return the normal equations of a frame at a pose.
+    def linearise(
+        self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False
+    ) -> tuple[Registration, FloatArray]:
+        """Return the normal equations of a frame at a pose: a registration that stays there, and the gradient, (6,).
+
+        The excess is the mean weighted square of the residuals.
 
         Args:
             cloud: The cleaned frame.
@@ -153,37 +140,29 @@ class ModelRegistration:
             coarse: Whether to compare fewer points of the shape with the silhouette.
         """
         hessian, gradient = np.zeros((6, 6)), np.zeros(6)
-        mount = self._T_BC
+        mount, camera = self._T_BC, self._camera
         view = FrameView(
             axes=np.ascontiguousarray(mount[:3, :3]),
             origin=mount[:3, 3].copy(),
             silhouette=cloud.silhouette,
             outwards=cloud.outwards,
             measured=cloud.nearest,
-            intrinsics=self._camera.intrinsics,
-            sigma=1.5,
-            cut=0.02,
-            least_cosine=0.25,
-            nearest=self._camera.least_range + FAR,
-            farthest=self._camera.largest_range - FAR,
+            intrinsics=camera.intrinsics,
+            nearest=camera.least_range + FAR,
+            farthest=camera.largest_range - FAR,
             noise=self._noise,
         )
         noise = self._noise._replace(cut=self._noise.cut * widening)
         visible = self.faces.looks_to((pose @ mount)[:3, 3])
-        squares, distance, number, inliers = face_equations(
+        squares, distance, inliers = face_equations(
             self.faces, visible, pose, cloud.points, cloud.rays, cloud.ranges, noise, hessian, gradient
         )
         samples = self.coarse_samples if coarse else self.samples
-        _, outside, seen, _ = add_silhouette_equations(samples, pose, view, hessian, gradient)
-        score = distance / max(number, 1) + outside / max(seen, 1)
+        outside, seen = add_silhouette_equations(samples, pose, view, hessian, gradient)
+        number = max(len(cloud), 1)
+        score = distance / number + outside / max(seen, 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
-        return Linearised(hessian, gradient, score, inliers / max(number, 1), excess)
-
-
-def _limited(tangent: FloatArray) -> FloatArray:
-    """Return a step scaled down so that no component exceeds 0.2 rad or 0.2 m."""
-    largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
-    return tangent / largest
+        return Registration(pose, hessian, score, inliers / number, excess), gradient
 
 
 def _spread_rotations(count: int) -> FloatArray:
