@@ -92,7 +92,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     body = KnownBody(known, None if edges else from_matrix(target.R_MT))
     characteriser = PolhodeCharacteriser(telescoping=0.0, memory=_MEMORY, drift=0.0)
     history = _measured(_Truth(times, q, w), target, streams, edges=edges)
-    found = characteriser.characterise(history, body, before=Motion(0.0, q0, w0, logits_of(ratios)))
+    found = characteriser(history, body, before=Motion(0.0, q0, w0, logits_of(ratios)))
     if found is None:
         return None
     query = PlanQuery(

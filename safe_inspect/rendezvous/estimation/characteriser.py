@@ -68,24 +68,6 @@ class PolhodeCharacteriser(Plugin):
     drift: quantity("rad/s", ge=0) = 5e-5  # type: ignore[valid-type]
 
     def __call__(
-        self, history: History, target: Target | None, before: Motion | None, model: FloatArray | None
-    ) -> TargetEstimate | None:
-        """Return the motion of the target, or None if there are too few measurements.
-
-        Args:
-            history: The measured rotations.
-            target: The target, None if it is not known.
-            before: The motion found before, None without one.
-            model: q_GM of the known model, shape (4,), None if it is not known.
-        """
-        known = KnownBody()
-        if target is not None:
-            known = KnownBody(
-                target.principal[:2] / target.principal[2], from_matrix(target.R_MT) if self.use_model else None
-            )
-        return self.characterise(history, known, before, model if self.use_model else None)
-
-    def characterise(
         self, history: History, known: KnownBody, before: Motion | None = None, model: FloatArray | None = None
     ) -> TargetEstimate | None:
         """Return the motion at the last frame, or None if there are too few measurements.
@@ -96,6 +78,8 @@ class PolhodeCharacteriser(Plugin):
             before: The motion found before, from which the fit starts; None to find the start from the rates.
             model: q_GM of the known model, shape (4,), which determines the directions of the axes; None without one.
         """
+        if not self.use_model:
+            known, model = known._replace(q_MT=None), None
         times, glued = history.in_inertial
         if len(times) < LEAST_FRAMES or len(history.first) < LEAST_FRAMES:
             return None
@@ -107,7 +91,8 @@ class PolhodeCharacteriser(Plugin):
             fitting = self.fitting(known, _WARM, held=not shown.observable, warm=True)
             fit = fit_motion(history, before.at(float(history.times[0])), fitting)
         else:
-            starts = _starts(history, shown, glued[0], (middle, rates), known, model)
+            expected = None if model is None or known.q_MT is None else multiply(model, known.q_MT)
+            starts = _starts(float(history.times[0]), shown, glued[0], (middle, rates), known, expected)
             fit = _best(history, starts, self.fitting(known, 40), self.fitting(known, _TRIAL))
         observable = shown.observable and _has_three_axes(fit)
         if not observable and (before is None or shown.observable):
@@ -140,6 +125,13 @@ class KnownBody(NamedTuple):
     ratios: FloatArray | None = None
     q_MT: FloatArray | None = None  # noqa: N815
 
+    @classmethod
+    def of(cls, target: Target | None) -> KnownBody:
+        """Return the properties of a target, None for an unknown one."""
+        if target is None:
+            return cls()
+        return cls(target.principal[:2] / target.principal[2], from_matrix(target.R_MT))
+
 
 def _has_three_axes(fit: Fit) -> bool:
     """Return whether the axes are known and their moments differ.
@@ -153,23 +145,27 @@ def _has_three_axes(fit: Fit) -> bool:
 
 
 def _starts(
-    history: History,
+    time: float,
     shown: Polhode,
     q_WG: FloatArray,  # noqa: N803
     measured: tuple[FloatArray, FloatArray],
     known: KnownBody,
-    model: FloatArray | None,
+    expected: FloatArray | None,
 ) -> list[Motion]:
-    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses."""
+    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses.
+
+    Args:
+        time: Time of the first frame [s].
+        shown: Axes and ratios from the polhode.
+        q_WG: Attitude of G at that time, shape (4,).
+        measured: Times [s] and angular velocities in G [rad/s].
+        known: Known properties of the body.
+        expected: q_GT from the known model, shape (4,); None without one.
+    """
     middle, rates = measured
-    time = float(history.times[0])
     first = np.array([np.interp(time, middle, column) for column in rates.T])
     ratios = _GENERIC if known.ratios is None else known.ratios
-    frames: list[tuple[FloatArray, FloatArray]] = []
-    expected = None
-    if model is not None and known.q_MT is not None:
-        expected = multiply(model, known.q_MT)
-        frames.append((to_matrix(expected), ratios))
+    frames = [] if expected is None else [(to_matrix(expected), ratios)]
     if np.isfinite(shown.ratios).all():
         frames.append((shown.axes, shown.ratios))
     if not shown.observable or shown.singular[0] > _DOUBTFUL:
@@ -178,17 +174,13 @@ def _starts(
         across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
         across /= np.linalg.norm(across)
         third = np.cross(along, across)
-        frames += [
-            (np.stack((third, -across, along), axis=1), ratios),
-            (np.stack((along, across, third), axis=1), ratios),
-        ]
+        guesses = ((third, -across, along), (along, across, third))
+        frames += [(np.stack(axes, axis=1), ratios) for axes in guesses]
     starts = []
     for axes, own in frames:
-        turned = axes
-        if expected is not None:
-            candidates = axes @ HALF_TURNS
-            turned = candidates[np.einsum("nij,ij->n", candidates, to_matrix(expected)).argmax()]
-        q_GT = from_matrix(turned)  # noqa: N806
+        turns = axes @ HALF_TURNS
+        nearest = 0 if expected is None else np.einsum("nij,ij->n", turns, to_matrix(expected)).argmax()
+        q_GT = from_matrix(turns[nearest])  # noqa: N806
         starts.append(Motion(time, multiply(q_WG, q_GT), rotate(conjugate(q_GT), first), logits_of(own)))
     return starts
 

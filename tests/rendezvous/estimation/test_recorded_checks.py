@@ -36,7 +36,7 @@ from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
-from safe_inspect.testing.estimation import watched_poses
+from safe_inspect.testing.rendezvous import watched_poses
 
 from ..record import check
 
