@@ -10,8 +10,8 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.front_end.faces import FrameView, RangeNoise, faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model_kernel import FAR, add_silhouette_equations, face_equations
+from safe_inspect.rendezvous.front_end.faces import RangeNoise, faces_of, surface_points
+from safe_inspect.rendezvous.front_end.residuals import face_residuals, silhouette_residuals
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
@@ -114,7 +114,7 @@ class ModelRegistration:
                 break
             offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
             damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
-            move: FloatArray = -np.linalg.solve(found.hessian + base + damping, gradient + offset)
+            move = -np.linalg.solve(found.hessian + base + damping, gradient + offset)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
             pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))
@@ -139,30 +139,16 @@ class ModelRegistration:
             widening: Factor of the cut.
             coarse: Whether to compare fewer points of the shape with the silhouette.
         """
-        hessian, gradient = np.zeros((6, 6)), np.zeros(6)
-        mount, camera = self._T_BC, self._camera
-        view = FrameView(
-            axes=np.ascontiguousarray(mount[:3, :3]),
-            origin=mount[:3, 3].copy(),
-            silhouette=cloud.silhouette,
-            outwards=cloud.outwards,
-            measured=cloud.nearest,
-            intrinsics=camera.intrinsics,
-            nearest=camera.least_range + FAR,
-            farthest=camera.largest_range - FAR,
-            noise=self._noise,
-        )
+        mount, samples = self._T_BC, self.coarse_samples if coarse else self.samples
         noise = self._noise._replace(cut=self._noise.cut * widening)
         visible = self.faces.looks_to((pose @ mount)[:3, 3])
-        squares, distance, inliers = face_equations(
-            self.faces, visible, pose, cloud.points, cloud.rays, cloud.ranges, noise, hessian, gradient
-        )
-        samples = self.coarse_samples if coarse else self.samples
-        outside, seen = add_silhouette_equations(samples, pose, view, hessian, gradient)
-        number = max(len(cloud), 1)
-        score = distance / number + outside / max(seen, 1)
+        on_faces, distance, inliers = face_residuals(self.faces, visible, pose, cloud, noise)
+        outside, far = silhouette_residuals(samples, pose, cloud, self._camera, mount, noise)
+        of_faces = on_faces.sums(np.zeros((7, 7)))
+        sums, squares, number = outside.sums(of_faces), float(of_faces[6, 6]), max(len(cloud), 1)
+        score = float(np.cumsum([0.0, *distance])[-1]) / number + float(np.cumsum([0.0, *far])[-1]) / max(len(far), 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
-        return Registration(pose, hessian, score, inliers / number, excess), gradient
+        return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()
 
 
 def _spread_rotations(count: int) -> FloatArray:

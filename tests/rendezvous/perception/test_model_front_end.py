@@ -9,8 +9,8 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model_kernel import _nearest_face
 from safe_inspect.rendezvous.front_end.model_registration import Prior, _spread_rotations, acquire
+from safe_inspect.rendezvous.front_end.residuals import nearest_faces
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
@@ -35,10 +35,9 @@ def test_the_nearest_face_is_at_the_distance_of_the_boxes(target: Target) -> Non
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3))
     every = np.ones(len(faces.centre), np.bool_)
     distance = target.boxes.distance(points)
-    for point, expected in zip(points, distance, strict=True):
-        if expected > 0.0:
-            _, *offset = _nearest_face(faces, every, *point)
-            assert np.linalg.norm(offset) == pytest.approx(expected, abs=1e-12)
+    _, offset = nearest_faces(faces, every, points.T)
+    outside = distance > 0.0
+    np.testing.assert_allclose(np.linalg.norm(offset, axis=0)[outside], distance[outside], atol=1e-12)
 
 
 def test_points_of_the_surface_lie_on_it(target: Target) -> None:
