@@ -226,15 +226,11 @@ class _SubmapFrontEndRun:
 
     def _accepts(self, start: FloatArray, found: Registration) -> bool:
         off = difference(start, found.pose)
-        centre = np.linalg.norm(move(found.pose, self._middle) - move(start, self._middle))
+        middle = self._keyframes[-1].cloud.points.mean(axis=0, keepdims=True)
+        shift = np.linalg.norm(move(found.pose, middle) - move(start, middle))
         return bool(
-            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and centre <= _LARGEST_SHIFT
+            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and shift <= _LARGEST_SHIFT
         )
-
-    @property
-    def _middle(self) -> FloatArray:
-        """Mean of the last keyframe's points in B [m], shape (1, 3)."""
-        return np.asarray(self._keyframes[-1].cloud.points.mean(axis=0, keepdims=True))
 
     def _skips(self, number: int, T_GB: FloatArray, cloud: _PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the keyframes before the last one."""
@@ -249,8 +245,7 @@ class _SubmapFrontEndRun:
         """Return the edges to the closest earlier view and to a random close one, from seven starts each."""
         earlier = self._keyframes[: max(len(self._keyframes) - _LOOP_GAP, 0)]
         angles = [float(np.linalg.norm(rotation_log(one.pose[:3, :3].T @ T_GB[:3, :3]))) for one in earlier]
-        near = [one for _, one in sorted(zip(angles, earlier, strict=True), key=lambda pair: pair[0])]
-        near = near[: sum(angle < _LOOP_ANGLE for angle in angles)]
+        near = [earlier[k] for k in np.argsort(angles, kind="stable") if angles[k] < _LOOP_ANGLE]
         if not near:
             return []
         drawn = float(self._streams.uniform("front_end.loop", 1, number)[0, 0])
