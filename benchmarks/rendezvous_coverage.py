@@ -27,7 +27,7 @@ from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, sam
 from safe_inspect.rendezvous.estimate import JointErrors
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.fit import Motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free
 from safe_inspect.rendezvous.planner.query import PlanQuery

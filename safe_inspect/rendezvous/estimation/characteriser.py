@@ -20,8 +20,8 @@ from safe_inspect.rendezvous.estimation.fit import (
     ratios_of,
     turned_by_bias,
 )
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.polhode import Polhode, angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, skew
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray

@@ -25,9 +25,8 @@ from safe_inspect.rendezvous.estimation.change import ActuatorResponse, covarian
 from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose

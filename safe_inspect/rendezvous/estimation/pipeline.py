@@ -21,8 +21,7 @@ from safe_inspect.rendezvous.estimation.change import (
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate, History, TargetEstimate
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.sensors.imu import InertialSample

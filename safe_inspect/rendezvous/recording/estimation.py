@@ -13,9 +13,8 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, History, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.poses import Edge, move
 from safe_inspect.rendezvous.recording.reader import SensorLog

@@ -14,9 +14,8 @@ from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.rendezvous.estimation import pipeline as module
 from safe_inspect.rendezvous.estimation.change import motion_of
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose, rotation_log
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
