@@ -22,7 +22,7 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.faces import Faces
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
 from safe_inspect.rendezvous.front_end.residuals import Residuals
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
@@ -82,7 +82,7 @@ def _print_errors_at_mating_point(
         start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(0.1), 2e-3], 3))
         eye = truth @ mount
         cloud = cleaning(renderer.render(eye[:3, :3], eye[:3, 3], streams, number, 0.0), mount)
-        found = registration(cloud, start, Prior(start, _INFORMATION))
+        found = registration(cloud, start, _INFORMATION)
         turn = difference(truth, found.pose)[:3]
         errors.append(np.rad2deg(np.linalg.norm(turn)))
         nees.append(turn @ np.linalg.solve(found.covariance()[:3, :3], turn) / 3.0)
@@ -112,7 +112,7 @@ def main() -> None:
                 cloud: Cloud = cleaning(one.frame, mount)
                 offset = random.normal(size=6) * np.repeat([np.deg2rad(1.5), 0.015], 3) / np.sqrt(3.0)
                 start = perturbed(one.T_MB, offset)
-                found = registration(cloud, start, Prior(start, _INFORMATION) if has_prior else None)
+                found = registration(cloud, start, _INFORMATION if has_prior else None)
                 errors.append(np.rad2deg(np.linalg.norm(difference(one.T_MB, found.pose)[:3])))
         print(
             f"{name:28} {len(errors)} frames  median {np.median(errors):.2f}  95th percentile "

@@ -155,10 +155,6 @@ class BiasJumps:
         #: Angular acceleration expected from the last samples to the end of their step, its sigma, and that duration.
         self._rest: tuple[FloatArray, float, float] = (np.zeros(3), 0.0, 0.0)
 
-    def interrupt(self) -> None:
-        """Record that a step had no sample."""
-        self._rate.interrupt()
-
     def settle(self) -> None:
         """Record that the graph now counts the jump as part of the bias."""
         self._acceleration.settle()
@@ -176,7 +172,7 @@ class BiasJumps:
             duration: Duration of the step [s].
         """
         if not samples:
-            self.interrupt()
+            self._rate.interrupt()
             return None
         noise, count = self._noise, np.sqrt(len(samples))
         middle = sum(sample.time for sample in samples) / len(samples)

@@ -29,8 +29,8 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, quantity
 
 #: Minimum number of frames to which a motion is fitted.
 LEAST_FRAMES = 8
-#: Numbers of evaluations for trying a start and for updating a known motion.
-_TRIAL, _WARM = 15, 8
+#: Numbers of evaluations for a fit, for trying a start, and for updating a known motion.
+_EVALUATIONS, _TRIAL, _WARM = 40, 15, 8
 #: Ratio s6 / s5 of the singular values above which other starts are tried too.
 _DOUBTFUL = 0.3
 #: Inertia ratios that are assumed if neither the target nor its motion determines them.
@@ -87,31 +87,25 @@ class PolhodeCharacteriser(Plugin):
         if len(middle) < 7:
             return None
         shown = principal_axes_of_motion(middle, rates)
+        options, held = self._options(known)
         if before is not None:
-            fitting = self.fitting(known, _WARM, held=not shown.observable, warm=True)
-            fit = fit_motion(history, before.at(float(history.times[0])), fitting)
+            warm = (options if shown.observable else held)._replace(evaluations=_WARM, warm=True)
+            fit = fit_motion(history, before.at(float(history.times[0])), warm)
         else:
             expected = None if model is None or known.q_MT is None else multiply(model, known.q_MT)
             starts = _starts(float(history.times[0]), shown, glued[0], (middle, rates), known, expected)
-            fit = _best(history, starts, self.fitting(known, 40), self.fitting(known, _TRIAL))
+            fit = _best(history, starts, options)
         observable = shown.observable and _has_three_axes(fit)
         if not observable and (before is None or shown.observable):
-            fit = fit_motion(history, fit.motion, self.fitting(known, _TRIAL, held=True))
+            fit = fit_motion(history, fit.motion, held._replace(evaluations=_TRIAL))
         aligned = model is not None or (known.q_MT is not None and bool((history.first == MODEL).any()))
         return _estimate(history, fit, shown, observable, aligned=aligned)
 
-    def fitting(self, known: KnownBody, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
-        """Return the options of a fit.
-
-        Args:
-            known: Known properties of the body.
-            evaluations: Maximum number of evaluations of the solver.
-            held: Whether the ratios are constrained to those of the prior.
-            warm: See `FitOptions`.
-        """
-        sigma = (_UNKNOWN if known.ratios is None else _HELD) if held else _WIDE
+    def _options(self, known: KnownBody) -> tuple[FitOptions, FitOptions]:
+        """Return the options of a fit, and those if the ratios are constrained to what is known of them."""
         prior = np.clip(logits_of(_GENERIC if known.ratios is None else known.ratios), -_MOST, _MOST)
-        return FitOptions((prior, sigma), known.q_MT, self.telescoping, self.memory, self.drift, evaluations, warm)
+        options = FitOptions((prior, _WIDE), known.q_MT, self.telescoping, self.memory, self.drift, _EVALUATIONS, False)
+        return options, options._replace(prior=(prior, _UNKNOWN if known.ratios is None else _HELD))
 
 
 class KnownBody(NamedTuple):
@@ -185,10 +179,11 @@ def _starts(
     return starts
 
 
-def _best(history: History, starts: list[Motion], options: FitOptions, trial: FitOptions) -> Fit:
+def _best(history: History, starts: list[Motion], options: FitOptions) -> Fit:
     """Return the fit to all edges from the start whose trial fit predicts held-out edges best."""
     if len(starts) == 1:
         return fit_motion(history, starts[0], options)
+    trial = options._replace(evaluations=_TRIAL)
     held = history.second % _HELD_OUT == 0
     shown = history.without(held)
     # The derivative of a logit vanishes outside of the clipped range.

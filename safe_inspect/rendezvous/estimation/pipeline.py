@@ -154,17 +154,16 @@ class EstimationPipeline:
         """
         frames = list(self._back_end.frames)[-count:]
         poses, relative = self._back_end.chaser_poses(len(frames)), self._back_end.relative_poses(len(frames))
-        newest = self._times[frames[-1]]
-        kept = [k for k, frame in enumerate(frames) if self._times[frame] >= max(self._since, newest - _LONGEST)]
-        glued = np.full((len(kept), 4), np.nan)
-        for place, k in enumerate(kept):
-            if frames[k] in relative:
-                glued[place] = from_matrix(relative[frames[k]][:3, :3])
-        names = [frames[k] for k in kept]
-        while len(names) and not np.isfinite(glued[0]).all():
-            names, glued, kept = names[1:], glued[1:], kept[1:]
+        since = max(self._since, self._times[frames[-1]] - _LONGEST)
+        begun = (k for k, frame in enumerate(frames) if frame in relative and self._times[frame] >= since)
+        first = next(begun, len(frames))
+        names = frames[first:]
+        glued = np.full((len(names), 4), np.nan)
+        for place, name in enumerate(names):
+            if name in relative:
+                glued[place] = from_matrix(relative[name][:3, :3])
         times = np.array([self._times[name] for name in names])
-        return History.of(times, from_matrix(poses[kept][:, :3, :3]), glued, self._edges, names)
+        return History.of(times, from_matrix(poses[first:, :3, :3]), glued, self._edges, names)
 
     def _fit(self, time: float) -> None:
         graph, known = self.graph, self.target

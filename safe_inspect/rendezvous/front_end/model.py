@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior, acquire
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -195,8 +195,7 @@ class _ModelFrontEndRun:
         starts = [] if expected is None else [(expected, _EXPECTATION)]
         if expected is None or _is_beyond(difference(expected, start), _PREDICTION):
             starts.append((start, _PREDICTION))
-        priors = [Prior(at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
-        tried = [self._registration(cloud, prior.pose, prior) for prior in priors]
+        tried = [self._registration(cloud, at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
         return min(tried, key=lambda one: one.score)
 
     def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
@@ -40,19 +40,6 @@ _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.3
 _SAME = np.deg2rad(10.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Prior of a pose.
-
-    Attributes:
-        pose: The expected T_MB, shape (4, 4).
-        information: Information matrix of the tangent from the right, shape (6, 6).
-    """
-
-    pose: FloatArray
-    information: FloatArray
-
-
 class ModelRegistration:
     """Registration of frames to the boxes of a target: of points to faces, and of the shape to the silhouette.
 
@@ -87,7 +74,7 @@ class ModelRegistration:
         self,
         cloud: Cloud,
         start: FloatArray,
-        prior: Prior | None = None,
+        information: FloatArray | None = None,
         *,
         iterations: int = 12,
         widening: float = 1.6,
@@ -101,20 +88,21 @@ class ModelRegistration:
         Args:
             cloud: The cleaned frame.
             start: Initial T_MB, shape (4, 4).
-            prior: Prior of the pose; it constrains directions that the frame does not.
+            information: Information matrix of a prior at the start, of the tangent from the right, shape (6, 6), which
+                constrains directions that the frame does not; None without a prior.
             iterations: Maximum number of steps.
             widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
             coarse: Whether to compare fewer points of the shape with the silhouette.
         """
         pose = start
-        base = np.zeros((6, 6)) if prior is None else prior.information
+        prior = np.zeros((6, 6)) if information is None else information
         for step in range(iterations + 1):
             found, gradient = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
             if step == iterations:
                 break
-            offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
+            pull = prior @ difference(start, pose)
             damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
-            move = -np.linalg.solve(found.hessian + base + damping, gradient + offset)
+            move = -np.linalg.solve(found.hessian + prior + damping, gradient + pull)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
             pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))

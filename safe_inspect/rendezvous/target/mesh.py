@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.errors import ConfigError, MissingLibraryError
+from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.boxes import aligned_boxes
@@ -31,10 +31,9 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
         ConfigError: The file cannot be read, or its surface is not closed.
     """
     name = os.fspath(path)
+    trimesh = require("trimesh")
     try:
-        mesh = require("trimesh").load(name, force="mesh")
-    except MissingLibraryError:
-        raise
+        mesh = trimesh.load(name, force="mesh")
     except Exception as error:  # The errors of trimesh depend on the format.
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(f"{name}: the mesh cannot be read ({reason}); give an STL, PLY or OBJ file") from None
