@@ -27,7 +27,7 @@ from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, sam
 from safe_inspect.rendezvous.estimate import JointErrors
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.fit import Motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free
 from safe_inspect.rendezvous.planner.query import PlanQuery
@@ -92,7 +92,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     body = KnownBody(known, None if edges else from_matrix(target.R_MT))
     characteriser = PolhodeCharacteriser(telescoping=0.0, memory=_MEMORY, drift=0.0)
     history = _measured(_Truth(times, q, w), target, streams, edges=edges)
-    found = characteriser.characterise(history, body, before=Motion(0.0, q0, w0, logits_of(ratios)))
+    found = characteriser(history, body, before=Motion(0.0, q0, w0, logits_of(ratios)))
     if found is None:
         return None
     query = PlanQuery(

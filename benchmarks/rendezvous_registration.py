@@ -22,7 +22,8 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.faces import Faces
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
+from safe_inspect.rendezvous.front_end.residuals import Residuals
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.recording.record import WatchedFrame, watch
@@ -33,8 +34,9 @@ from safe_inspect.types import FloatArray
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
-def _no_outline(*_: Any) -> tuple[float, float, int, int]:
-    return 0.0, 0.0, 1, 0
+def _no_outline(*_: Any) -> tuple[Residuals, FloatArray]:
+    nothing = np.zeros((0, 3))
+    return Residuals(nothing, nothing, np.zeros(0), np.zeros(0)), np.zeros(1)
 
 
 def _all_faces(self: Faces, _: FloatArray) -> Any:
@@ -44,7 +46,7 @@ def _all_faces(self: Faces, _: FloatArray) -> Any:
 #: Name, prior or not, cut [m], edges of the depth image that are dropped [m], and what is patched.
 _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextManager[Any]]], ...] = (
     ("as it is", True, 0.03, np.inf, nullcontext),
-    ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "add_silhouette_equations", _no_outline)),
+    ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "silhouette_residuals", _no_outline)),
     ("all faces, hidden ones too", True, 0.03, np.inf, lambda: patch.object(Faces, "looks_to", _all_faces)),
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),
@@ -80,7 +82,7 @@ def _print_errors_at_mating_point(
         start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(0.1), 2e-3], 3))
         eye = truth @ mount
         cloud = cleaning(renderer.render(eye[:3, :3], eye[:3, 3], streams, number, 0.0), mount)
-        found = registration(cloud, start, Prior(start, _INFORMATION))
+        found = registration(cloud, start, _INFORMATION)
         turn = difference(truth, found.pose)[:3]
         errors.append(np.rad2deg(np.linalg.norm(turn)))
         nees.append(turn @ np.linalg.solve(found.covariance()[:3, :3], turn) / 3.0)
@@ -110,7 +112,7 @@ def main() -> None:
                 cloud: Cloud = cleaning(one.frame, mount)
                 offset = random.normal(size=6) * np.repeat([np.deg2rad(1.5), 0.015], 3) / np.sqrt(3.0)
                 start = perturbed(one.T_MB, offset)
-                found = registration(cloud, start, Prior(start, _INFORMATION) if has_prior else None)
+                found = registration(cloud, start, _INFORMATION if has_prior else None)
                 errors.append(np.rad2deg(np.linalg.norm(difference(one.T_MB, found.pose)[:3])))
         print(
             f"{name:28} {len(errors)} frames  median {np.median(errors):.2f}  95th percentile "

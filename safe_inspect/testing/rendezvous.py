@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
@@ -18,6 +21,7 @@ from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
 from safe_inspect.rendezvous.experiment import SensorsConfig
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
 from safe_inspect.rendezvous.missions.truth import ChaserTrace
 from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig
@@ -33,12 +37,17 @@ from safe_inspect.rendezvous.plugins import (
     Tracker,
     Tumble,
 )
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
 from safe_inspect.rendezvous.readings import Command
+from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
+from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.testing.estimation import check_front_end
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.testing.teams import SampleParts
-from safe_inspect.types import AnyArray
+from safe_inspect.types import AnyArray, FloatArray
+
+#: T_WB of a chaser that looks at the origin along y of W.
+LOOKING = pose(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, -1.5, 0.0]))
 
 
 def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report) -> None:
@@ -125,8 +134,31 @@ def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
 
 
 def _check_front_end(plugin: FrontEnd, parts: SampleParts, report: Report) -> None:
-    """Check a front end; see `check_front_end`."""
-    check_front_end(plugin, _target(), _streams(), report)
+    """Check a front end: edges between frames that it has received, the same for the same frames."""
+    camera, T_BC = TimeOfFlightCamera(profile="clean"), pose(R_BC, np.array([0.13, 0.0, 0.0]))  # noqa: N806
+    poses, renderer, streams = watched_poses(_target(), 4), camera(_target()), _streams()
+
+    def edges() -> list[Edge]:
+        run = plugin(FrontEndContext(camera.geometry, T_BC, _target(), streams))
+        sensor, found = PoseSensorRun(PoseSensor(), streams), list[Edge]()
+        for number, T_MB in enumerate(poses):  # noqa: N806
+            T_MC = T_MB @ T_BC  # noqa: N806
+            frame = renderer.render(T_MC[:3, :3], T_MC[:3, 3], streams, number, float(number))
+            if plugin.reads == "poses":
+                measured = sensor.measure(number, T_MB, in_view=True)
+                frame = PoseFrame(**vars(frame), number=number, poses=measured)
+            own = run.step(frame, None, np.eye(3))
+            right = all(edge.first < edge.second <= number and edge.first >= MODEL for edge in own)
+            report.expect(right, "frames", "an edge refers to a frame that does not exist", "count frames by calls")
+            found += own
+        return found
+
+    first, second = edges(), edges()
+    for edge in first:
+        definite = edge.covariance.shape == (6, 6) and bool((np.linalg.eigvalsh(edge.covariance) > 0.0).all())
+        report.expect(definite, "covariance", "a covariance is not positive definite", "state an error of all axes")
+    same = len(first) == len(second) and all(np.array_equal(a.pose, b.pose) for a, b in zip(first, second, strict=True))
+    report.expect(same, "repeatable", "the edges differ for the same input", "draw from the given streams alone")
 
 
 def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
@@ -180,6 +212,14 @@ def _target() -> Target:
 def _bodies() -> tuple[BodyState, BodyState]:
     still, level, rate = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), 0.05 * np.array([0.7, 0.5, 0.5])
     return BodyState(np.array([0.0, -1.5, 0.0]), still, level, still), BodyState(still, still, level, rate)
+
+
+def watched_poses(target: Target, frames: int) -> list[FloatArray]:
+    """Return the poses T_MB of a chaser at rest that observes a tumble, one per second, shape (4, 4) each."""
+    start, rate = np.array([[0.1, -0.3, 0.5, 0.8]]) / np.sqrt(0.99), 0.09 * np.array([[0.7, 0.5, 0.5]])
+    q, _ = tumble(target.principal, start, rate, np.arange(float(frames)))
+    turned = to_matrix(q[0]) @ target.R_MT.T
+    return [inverse(pose(rotation, np.zeros(3))) @ LOOKING for rotation in turned]
 
 
 def _query(state: AnyArray | None = None) -> PlanQuery:

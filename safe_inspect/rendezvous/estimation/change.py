@@ -12,8 +12,7 @@ from safe_inspect.dynamics.quaternion import conjugate, log, multiply, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration
 from safe_inspect.rendezvous.estimation.factors import BIAS_JUMP, BiasJump
 from safe_inspect.rendezvous.estimation.fit import Motion, logits_of
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
-from safe_inspect.rendezvous.estimation.states import GraphEstimate
+from safe_inspect.rendezvous.estimation.states import GraphEstimate, History, TargetEstimate
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
 from safe_inspect.rendezvous.readings import Command
@@ -156,10 +155,6 @@ class BiasJumps:
         #: Angular acceleration expected from the last samples to the end of their step, its sigma, and that duration.
         self._rest: tuple[FloatArray, float, float] = (np.zeros(3), 0.0, 0.0)
 
-    def interrupt(self) -> None:
-        """Record that a step had no sample."""
-        self._rate.interrupt()
-
     def settle(self) -> None:
         """Record that the graph now counts the jump as part of the bias."""
         self._acceleration.settle()
@@ -177,7 +172,7 @@ class BiasJumps:
             duration: Duration of the step [s].
         """
         if not samples:
-            self.interrupt()
+            self._rate.interrupt()
             return None
         noise, count = self._noise, np.sqrt(len(samples))
         middle = sum(sample.time for sample in samples) / len(samples)

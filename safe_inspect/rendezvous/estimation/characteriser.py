@@ -20,8 +20,8 @@ from safe_inspect.rendezvous.estimation.fit import (
     ratios_of,
     turned_by_bias,
 )
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.polhode import Polhode, angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, skew
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -29,8 +29,8 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, quantity
 
 #: Minimum number of frames to which a motion is fitted.
 LEAST_FRAMES = 8
-#: Numbers of evaluations for trying a start and for updating a known motion.
-_TRIAL, _WARM = 15, 8
+#: Numbers of evaluations for a fit, for trying a start, and for updating a known motion.
+_EVALUATIONS, _TRIAL, _WARM = 40, 15, 8
 #: Ratio s6 / s5 of the singular values above which other starts are tried too.
 _DOUBTFUL = 0.3
 #: Inertia ratios that are assumed if neither the target nor its motion determines them.
@@ -68,24 +68,6 @@ class PolhodeCharacteriser(Plugin):
     drift: quantity("rad/s", ge=0) = 5e-5  # type: ignore[valid-type]
 
     def __call__(
-        self, history: History, target: Target | None, before: Motion | None, model: FloatArray | None
-    ) -> TargetEstimate | None:
-        """Return the motion of the target, or None if there are too few measurements.
-
-        Args:
-            history: The measured rotations.
-            target: The target, None if it is not known.
-            before: The motion found before, None without one.
-            model: q_GM of the known model, shape (4,), None if it is not known.
-        """
-        known = KnownBody()
-        if target is not None:
-            known = KnownBody(
-                target.principal[:2] / target.principal[2], from_matrix(target.R_MT) if self.use_model else None
-            )
-        return self.characterise(history, known, before, model if self.use_model else None)
-
-    def characterise(
         self, history: History, known: KnownBody, before: Motion | None = None, model: FloatArray | None = None
     ) -> TargetEstimate | None:
         """Return the motion at the last frame, or None if there are too few measurements.
@@ -96,6 +78,8 @@ class PolhodeCharacteriser(Plugin):
             before: The motion found before, from which the fit starts; None to find the start from the rates.
             model: q_GM of the known model, shape (4,), which determines the directions of the axes; None without one.
         """
+        if not self.use_model:
+            known, model = known._replace(q_MT=None), None
         times, glued = history.in_inertial
         if len(times) < LEAST_FRAMES or len(history.first) < LEAST_FRAMES:
             return None
@@ -103,30 +87,25 @@ class PolhodeCharacteriser(Plugin):
         if len(middle) < 7:
             return None
         shown = principal_axes_of_motion(middle, rates)
+        options, held = self._options(known)
         if before is not None:
-            fitting = self.fitting(known, _WARM, held=not shown.observable, warm=True)
-            fit = fit_motion(history, before.at(float(history.times[0])), fitting)
+            warm = (options if shown.observable else held)._replace(evaluations=_WARM, warm=True)
+            fit = fit_motion(history, before.at(float(history.times[0])), warm)
         else:
-            starts = _starts(history, shown, glued[0], (middle, rates), known, model)
-            fit = _best(history, starts, self.fitting(known, 40), self.fitting(known, _TRIAL))
+            expected = None if model is None or known.q_MT is None else multiply(model, known.q_MT)
+            starts = _starts(float(history.times[0]), shown, glued[0], (middle, rates), known, expected)
+            fit = _best(history, starts, options)
         observable = shown.observable and _has_three_axes(fit)
         if not observable and (before is None or shown.observable):
-            fit = fit_motion(history, fit.motion, self.fitting(known, _TRIAL, held=True))
+            fit = fit_motion(history, fit.motion, held._replace(evaluations=_TRIAL))
         aligned = model is not None or (known.q_MT is not None and bool((history.first == MODEL).any()))
         return _estimate(history, fit, shown, observable, aligned=aligned)
 
-    def fitting(self, known: KnownBody, evaluations: int, *, held: bool = False, warm: bool = False) -> FitOptions:
-        """Return the options of a fit.
-
-        Args:
-            known: Known properties of the body.
-            evaluations: Maximum number of evaluations of the solver.
-            held: Whether the ratios are constrained to those of the prior.
-            warm: See `FitOptions`.
-        """
-        sigma = (_UNKNOWN if known.ratios is None else _HELD) if held else _WIDE
+    def _options(self, known: KnownBody) -> tuple[FitOptions, FitOptions]:
+        """Return the options of a fit, and those if the ratios are constrained to what is known of them."""
         prior = np.clip(logits_of(_GENERIC if known.ratios is None else known.ratios), -_MOST, _MOST)
-        return FitOptions((prior, sigma), known.q_MT, self.telescoping, self.memory, self.drift, evaluations, warm)
+        options = FitOptions((prior, _WIDE), known.q_MT, self.telescoping, self.memory, self.drift, _EVALUATIONS, False)
+        return options, options._replace(prior=(prior, _UNKNOWN if known.ratios is None else _HELD))
 
 
 class KnownBody(NamedTuple):
@@ -139,6 +118,13 @@ class KnownBody(NamedTuple):
 
     ratios: FloatArray | None = None
     q_MT: FloatArray | None = None  # noqa: N815
+
+    @classmethod
+    def of(cls, target: Target | None) -> KnownBody:
+        """Return the properties of a target, None for an unknown one."""
+        if target is None:
+            return cls()
+        return cls(target.principal[:2] / target.principal[2], from_matrix(target.R_MT))
 
 
 def _has_three_axes(fit: Fit) -> bool:
@@ -153,23 +139,27 @@ def _has_three_axes(fit: Fit) -> bool:
 
 
 def _starts(
-    history: History,
+    time: float,
     shown: Polhode,
     q_WG: FloatArray,  # noqa: N803
     measured: tuple[FloatArray, FloatArray],
     known: KnownBody,
-    model: FloatArray | None,
+    expected: FloatArray | None,
 ) -> list[Motion]:
-    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses."""
+    """Return initial motions at the first frame: from the model, from the polhode and, in doubt, from guesses.
+
+    Args:
+        time: Time of the first frame [s].
+        shown: Axes and ratios from the polhode.
+        q_WG: Attitude of G at that time, shape (4,).
+        measured: Times [s] and angular velocities in G [rad/s].
+        known: Known properties of the body.
+        expected: q_GT from the known model, shape (4,); None without one.
+    """
     middle, rates = measured
-    time = float(history.times[0])
     first = np.array([np.interp(time, middle, column) for column in rates.T])
     ratios = _GENERIC if known.ratios is None else known.ratios
-    frames: list[tuple[FloatArray, FloatArray]] = []
-    expected = None
-    if model is not None and known.q_MT is not None:
-        expected = multiply(model, known.q_MT)
-        frames.append((to_matrix(expected), ratios))
+    frames = [] if expected is None else [(to_matrix(expected), ratios)]
     if np.isfinite(shown.ratios).all():
         frames.append((shown.axes, shown.ratios))
     if not shown.observable or shown.singular[0] > _DOUBTFUL:
@@ -178,25 +168,22 @@ def _starts(
         across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
         across /= np.linalg.norm(across)
         third = np.cross(along, across)
-        frames += [
-            (np.stack((third, -across, along), axis=1), ratios),
-            (np.stack((along, across, third), axis=1), ratios),
-        ]
+        guesses = ((third, -across, along), (along, across, third))
+        frames += [(np.stack(axes, axis=1), ratios) for axes in guesses]
     starts = []
     for axes, own in frames:
-        turned = axes
-        if expected is not None:
-            candidates = axes @ HALF_TURNS
-            turned = candidates[np.einsum("nij,ij->n", candidates, to_matrix(expected)).argmax()]
-        q_GT = from_matrix(turned)  # noqa: N806
+        turns = axes @ HALF_TURNS
+        nearest = 0 if expected is None else np.einsum("nij,ij->n", turns, to_matrix(expected)).argmax()
+        q_GT = from_matrix(turns[nearest])  # noqa: N806
         starts.append(Motion(time, multiply(q_WG, q_GT), rotate(conjugate(q_GT), first), logits_of(own)))
     return starts
 
 
-def _best(history: History, starts: list[Motion], options: FitOptions, trial: FitOptions) -> Fit:
+def _best(history: History, starts: list[Motion], options: FitOptions) -> Fit:
     """Return the fit to all edges from the start whose trial fit predicts held-out edges best."""
     if len(starts) == 1:
         return fit_motion(history, starts[0], options)
+    trial = options._replace(evaluations=_TRIAL)
     held = history.second % _HELD_OUT == 0
     shown = history.without(held)
     # The derivative of a logit vanishes outside of the clipped range.

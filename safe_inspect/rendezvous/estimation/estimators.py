@@ -21,23 +21,21 @@ from safe_inspect.rendezvous.estimate import (
     StateEstimate,
     unknown_estimate,
 )
-from safe_inspect.rendezvous.estimation.change import ActuatorResponse, ExpectedMotion, covariance_at
+from safe_inspect.rendezvous.estimation.change import ActuatorResponse, covariance_at
 from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
-from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Reading, Readings
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
+from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, no_frame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
-#: Number of control steps for which the motion is predicted at once.
-_PREDICTED = 5
 #: A motion is first accepted when the standard deviation of its attitude is below this [rad]. A covariance describes
 #: only rotations close to the estimate: fits of a few seconds with strong noise can have the target turn the other way.
 _FIRST_ATTITUDE = np.deg2rad(20.0)
@@ -106,9 +104,6 @@ class _MeasuredStateRun:
     def __init__(self, context: EstimatorContext) -> None:
         self._inertia, self._step = context.target.principal, context.step
         self._last: StateEstimate | None = None
-        # Prediction from the last measurement for a few calls, and the number of the first of these calls.
-        self._first = -1
-        self._predicted = (np.empty((0, 4)), np.empty((0, 3)))
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
@@ -118,19 +113,14 @@ class _MeasuredStateRun:
             self._last = StateEstimate(
                 time, time, state.chaser, state.target, self._inertia, state.errors, state.correlation
             )
-            self._first = -1
         last = self._last
         if last is None:
             return unknown_estimate(time, 0.0, state.chaser, self._inertia, state.correlation)
-        calls = round((time - last.time) / self._step)
-        first = calls - calls % _PREDICTED
-        if first != self._first:
-            self._first = first
-            steps = np.arange(first, first + _PREDICTED, dtype=np.float64)
-            self._predicted = last.predict(last.time + self._step * steps)
-        q, w = self._predicted[0][calls - first], self._predicted[1][calls - first]
-        target = BodyState(last.target.position, last.target.velocity, q, w)
-        return replace(last, time=time, chaser=state.chaser, target=target)
+        steps = float(round((time - last.time) / self._step))
+        (q,), (w,) = last.predict(np.array([last.time + self._step * steps]))
+        return replace(
+            last, time=time, chaser=state.chaser, target=last.target._replace(orientation=q, angular_velocity=w)
+        )
 
 
 class MeasuredState(StateEstimator):
@@ -151,46 +141,45 @@ class _PipelineEstimatorRun:
 
     Args:
         context: Context of the estimator.
-        parts: Components of the pipeline.
-        correlation: Correlation of the errors of two consecutive updates.
+        options: The options.
     """
 
-    def __init__(self, context: EstimatorContext, parts: PipelineParts, correlation: float) -> None:
-        self._context, self._parts, self._correlation = context, parts, correlation
+    def __init__(self, context: EstimatorContext, options: PipelineEstimator) -> None:
+        self._context, self._options = context, options
+        target = context.target if options.known_target else None
+        self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams)
+        self._front_end = options.front_end(self._seen)
         self.pipeline: EstimationPipeline | None = None
         self._response = ActuatorResponse(context.chaser, context.step)
         self._errors, self._renewed = UNKNOWN, -np.inf
         self._rate = np.zeros(3)
 
+    def _begin(self, readings: Readings) -> EstimationPipeline:
+        """Return the pipeline; it integrates the chaser's motion from the first readings on, even without a frame."""
+        assert readings.start is not None, "the first readings contain the chaser's state"
+        start = ChaserStart(
+            pose(to_matrix(readings.start.orientation), readings.start.position), readings.start.velocity
+        )
+        imu = ImuBuffer(self._context.imu, self._context.imu_period)
+        parts = (self._front_end, self._options.back_end, self._options.characteriser)
+        return EstimationPipeline(*parts, self._seen, imu, start, readings.frame or no_frame(readings.time))
+
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
         if self.pipeline is None:
-            assert readings.start is not None, "the first readings contain the chaser's state"
-            at_start = pose(to_matrix(readings.start.orientation), readings.start.position)
-            self.pipeline = EstimationPipeline(self._parts, ChaserStart(at_start, readings.start.velocity))
-        if readings.command is not None:
-            self._move(self.pipeline, self._response.step(self._rate, readings.command), readings.samples)
-        if readings.frame is not None:
-            self.pipeline.see(readings.frame)
-        elif readings.start is not None:
-            self.pipeline.see(no_frame(readings.time))  # the chaser's motion is integrated from here on
+            self.pipeline = self._begin(readings)
+        else:
+            if readings.command is not None:
+                expected = self._response.step(self._rate, readings.command)
+                self.pipeline.move(readings.samples, expected, self._context.step)
+            if readings.frame is not None:
+                self.pipeline.see(readings.frame)
         is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
         if is_due:
             self._renewed = readings.time
         estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
         self._rate = estimate.chaser.angular_velocity
         return estimate
-
-    def _move(
-        self, pipeline: EstimationPipeline, expected: ExpectedMotion, samples: tuple[InertialSample, ...]
-    ) -> None:
-        """Propagate a control step by the inertial unit, or by the command if the unit gives no samples."""
-        if not samples:
-            pipeline.coast(self._context.step, expected.mean)
-            return
-        pipeline.check_biases(samples, expected, self._context.step)
-        for sample in samples:
-            pipeline.measure(sample.acceleration, sample.rate, self._context.imu_period)
 
     def _estimate(self, pipeline: EstimationPipeline, time: float, *, renew: bool) -> StateEstimate:
         T_WB, velocity, rate = pipeline.now()  # noqa: N806
@@ -205,7 +194,7 @@ class _PipelineEstimatorRun:
         self._errors = errors
         if graph is None or found is None or errors is UNKNOWN:
             inertia = self._context.target.principal
-            return unknown_estimate(time, pipeline.updated, chaser, inertia, self._correlation, centre)
+            return unknown_estimate(time, pipeline.updated, chaser, inertia, self._options.correlation, centre)
         q, w = found.predict(np.array([time]))
         problem = "" if found.aligned else "the directions of the target's axes are not known"
         alarm = "the target's motion has changed" if pipeline.changed else ""
@@ -216,7 +205,7 @@ class _PipelineEstimatorRun:
             target=BodyState(centre, np.zeros(3), q[0], w[0]),
             inertia=found.inertia,
             errors=errors,
-            correlation=self._correlation,
+            correlation=self._options.correlation,
             problem=alarm or problem,
             alarm=alarm,
             mismatch=pipeline.mismatch,
@@ -233,15 +222,8 @@ def _errors(found: TargetEstimate, graph: GraphEstimate, time: float) -> Estimat
     joint[:8, :8] = covariance[np.ix_(order, order)]
     joint[8:11, 8:11], joint[11:, 11:] = centre, graph.velocity_covariance
     attitude, rate, inertia = (largest_sigma(covariance[k, k]) for k in (slice(3), slice(3, 6), slice(6, 8)))
-    return JointErrors(
-        attitude,
-        rate,
-        largest_sigma(centre),
-        inertia,
-        0.0,
-        largest_sigma(graph.velocity_covariance),
-        0.5 * (joint + joint.T),
-    )
+    velocity = largest_sigma(graph.velocity_covariance)
+    return JointErrors(attitude, rate, largest_sigma(centre), inertia, 0.0, velocity, 0.5 * (joint + joint.T))
 
 
 class PipelineEstimator(StateEstimator):
@@ -271,18 +253,4 @@ class PipelineEstimator(StateEstimator):
 
     def __call__(self, context: EstimatorContext) -> _PipelineEstimatorRun:
         """Return the estimator of a mission."""
-        target = context.target if self.known_target else None
-        seen = FrontEndContext(context.camera, context.T_BC, target, context.streams)
-        parts = self.parts(seen, context.imu, context.imu_period)
-        return _PipelineEstimatorRun(context, parts, self.correlation)
-
-    def parts(self, context: FrontEndContext, imu: ImuNoise, imu_period: float) -> PipelineParts:
-        """Return the components of the pipeline of a mission or a recording.
-
-        Args:
-            context: What the front end is created with.
-            imu: Errors of the inertial unit.
-            imu_period: Time between two of its samples [s].
-        """
-        front_end, target = self.front_end(context), context.target
-        return PipelineParts(front_end, self.back_end, self.characteriser, target, context.T_BC, imu, imu_period)
+        return _PipelineEstimatorRun(context, self)

@@ -22,8 +22,9 @@ BIAS_JUMP = (0.05, 1e-3)
 _UNMEASURED = 0.3
 #: Minimum standard deviation of the bias's random walk between two frames [m/s^2, rad/s].
 _LEAST_WALK = (1e-5, 1e-6)
-#: Letters of the variables that are poses, and of those that belong to a frame.
-_POSES, _OF_FRAMES = "XGM", "XVBG"
+#: Types of the variables, as in the names of gtsam's priors, and letters of the variables that belong to a frame.
+_TYPES = dict.fromkeys("XGM", "Pose3") | dict.fromkeys("YOPZ", "Point3") | {"V": "Vector", "B": "ConstantBias"}
+OF_FRAMES = "XVBGY"
 
 
 class BiasJump(NamedTuple):
@@ -56,7 +57,7 @@ class ImuBuffer:
 
     def __init__(self, noise: ImuNoise, period: float) -> None:
         gtsam = require("gtsam")
-        self._gtsam, self.noise = gtsam, noise
+        self._gtsam, self.noise, self.period = gtsam, noise, period
         self._densities = np.array([noise.acceleration, noise.rate]) * np.sqrt(period)
         self._before: tuple[FloatArray, FloatArray] | None = None
         self._samples: list[tuple[FloatArray, FloatArray, float]] = []
@@ -77,10 +78,13 @@ class ImuBuffer:
             period: Time since the last sample [s].
         """
         before, offset = self._before or (acceleration, rate), self.jump.offset
-        sample = (0.5 * (before[0] + acceleration) - offset[:3], 0.5 * (before[1] + rate) - offset[3:], period)
+        self._take(0.5 * (before[0] + acceleration) - offset[:3], 0.5 * (before[1] + rate) - offset[3:], period)
+        self._before = (acceleration, rate)
+
+    def _take(self, *sample: Any) -> None:
+        """Integrate a mean acceleration [m/s^2] and rate [rad/s] over a period [s]."""
         self.measurements.integrateMeasurement(*sample)
         self._samples.append(sample)
-        self._before = (acceleration, rate)
 
     def correct(self, jump: BiasJump) -> None:
         """Assume from the next sample on that the biases have changed by a jump.
@@ -101,9 +105,7 @@ class ImuBuffer:
         self.is_coasting = True
         acceleration, turned = self._bias.accelerometer() + commanded[:3], commanded[3:] * period
         rate, offset = self.last_rate + turned, self.jump.offset
-        sample = (acceleration, rate - 0.5 * turned, period)
-        self.measurements.integrateMeasurement(*sample)
-        self._samples.append(sample)
+        self._take(acceleration, rate - 0.5 * turned, period)
         self._before = (acceleration + offset[:3], rate + offset[3:])
 
     def restart(self, bias: Any) -> None:
@@ -199,20 +201,10 @@ def model_centre_factors(sigma: float) -> list[Any]:
     ]
 
 
-class InertialFactor(NamedTuple):
-    """Factor together with its replacement after a jump of the bias.
-
-    Attributes:
-        usual: Factor with the noise of the unit.
-        loose: Factor with a noise that covers a jump.
-    """
-
-    usual: Any
-    loose: Any
-
-
-def inertial_factors(before: int, frame: int, imu: ImuBuffer) -> list[InertialFactor]:
+def inertial_factors(before: int, frame: int, imu: ImuBuffer) -> list[tuple[Any, Any]]:
     """Return the factors on pose, velocity and bias of two consecutive frames.
+
+    Each is returned with the noise of the unit and again with a noise that covers a jump of the bias.
 
     Args:
         before: Number of the earlier frame.
@@ -224,30 +216,23 @@ def inertial_factors(before: int, frame: int, imu: ImuBuffer) -> list[InertialFa
     keys = [key("X", before), key("V", before), key("X", frame), key("V", frame), key("B", before)]
     if imu.duration > 0.0:
         usual, loose = (gtsam.ImuFactor(*keys, imu.integrated(jumped=jumped)) for jumped in (False, True))
-        factors = [InertialFactor(usual, loose)]
+        factors = [(usual, loose)]
     else:
         rest = gtsam.BetweenFactorPose3(keys[0], keys[2], gtsam.Pose3(), models.Isotropic.Sigma(6, _UNMEASURED))
         same = gtsam.BetweenFactorVector(keys[1], keys[3], np.zeros(3), models.Isotropic.Sigma(3, _UNMEASURED))
-        factors = [InertialFactor(rest, rest), InertialFactor(same, same)]
+        factors = [(rest, rest), (same, same)]
     walk = np.sqrt(max(imu.duration, 1e-3)) * np.array([imu.noise.acceleration_walk, imu.noise.rate_walk])
+    noises = (np.hypot(np.maximum(walk, _LEAST_WALK), imu.jump.sigma), BIAS_JUMP)
     usual, loose = (
-        gtsam.BetweenFactorConstantBias(
-            key("B", before),
-            key("B", frame),
-            bias,
-            models.Diagonal.Sigmas(np.repeat(sigmas, 3)),
-        )
-        for sigmas in (np.hypot(np.maximum(walk, _LEAST_WALK), imu.jump.sigma), BIAS_JUMP)
+        gtsam.BetweenFactorConstantBias(keys[4], key("B", frame), bias, models.Diagonal.Sigmas(np.repeat(sigmas, 3)))
+        for sigmas in noises
     )
-    return [*factors, InertialFactor(usual, loose)]
+    return [*factors, (usual, loose)]
 
 
-def value_of(values: Any, letter: str, name: int) -> Any:
+def value_of(values: Any, letter: str, index: int = 0) -> Any:
     """Return the value of a variable from a `gtsam.Values`; for the letters see `key`."""
-    if letter in _POSES:
-        return values.atPose3(name)
-    getters = {"V": values.atVector, "B": values.atConstantBias}
-    return getters.get(letter, values.atPoint3)(name)
+    return getattr(values, f"at{_TYPES[letter]}")(key(letter, index))
 
 
 def marginal_priors(solver: Any, values: Any, blocks: Sequence[tuple[str, int]]) -> list[tuple[tuple[int, ...], Any]]:
@@ -262,13 +247,11 @@ def marginal_priors(solver: Any, values: Any, blocks: Sequence[tuple[str, int]])
         blocks: Letter and number of each variable.
     """
     gtsam = require("gtsam")
-    makers = {"V": gtsam.PriorFactorVector, "B": gtsam.PriorFactorConstantBias}
     priors: list[tuple[tuple[int, ...], Any]] = []
     for letter, index in blocks:
         name = key(letter, index)
-        maker = gtsam.PriorFactorPose3 if letter in _POSES else makers.get(letter, gtsam.PriorFactorPoint3)
         covariance = len(blocks) * solver.marginalCovariance(name)
         noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-        at = (index,) if letter in _OF_FRAMES else ()
-        priors.append((at, maker(name, value_of(values, letter, name), noise)))
+        factor = getattr(gtsam, f"PriorFactor{_TYPES[letter]}")(name, value_of(values, letter, index), noise)
+        priors.append(((index,) if letter in OF_FRAMES else (), factor))
     return priors

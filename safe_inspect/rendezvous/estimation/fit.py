@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.estimation.history import History
+from safe_inspect.rendezvous.estimation.states import History
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.types import BoolArray, FloatArray
 

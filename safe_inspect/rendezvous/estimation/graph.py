@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +11,8 @@ from pydantic import Field
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.estimation.factors import (
+    OF_FRAMES,
     ImuBuffer,
-    InertialFactor,
     edge_factor,
     inertial_factors,
     key,
@@ -83,11 +83,12 @@ class PoseGraph:
         self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         #: All factors with the frames that they concern, for rebuilding the graph.
         self._kept: list[tuple[tuple[int, ...], Any]] = []
-        self._frames: list[int] = []
+        #: Numbers of the frames in the graph, in ascending order.
+        self.frames: list[int] = []
         self._reached: set[int] = set()
         self._has_model = False
         #: Inertial factors of the newest intervals between frames, with the factors that replace them after a jump.
-        self._doubted: list[list[InertialFactor]] = []
+        self._doubted: list[list[tuple[Any, Any]]] = []
         #: Number of poses relative to the model that count as one, because their errors are correlated.
         self._alike = 1.0
         pose = gtsam.Pose3(start.pose)
@@ -104,11 +105,6 @@ class PoseGraph:
         self._state: dict[str, Any] = {}
         self._solution = gtsam.Values()
         self._solve(0)
-
-    @property
-    def frames(self) -> tuple[int, ...]:
-        """Numbers of the frames in the graph, in ascending order."""
-        return tuple(self._frames)
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
@@ -133,9 +129,9 @@ class PoseGraph:
         """
         if jumped:
             self._loosen()
-        if len(self._frames) >= self._options.largest:
+        if len(self.frames) >= self._options.largest:
             self._forget()
-        before = self._frames[-1]
+        before = self.frames[-1]
         if self._options.memory > 0.0 and self.imu.duration > 0.0:
             share = np.exp(-self.imu.duration / self._options.memory)
             self._alike = float((1.0 + share) / (1.0 - share))
@@ -152,7 +148,7 @@ class PoseGraph:
 
     def estimate(self) -> GraphEstimate:
         """Return the estimate at the last frame."""
-        frame, state = self._frames[-1], self._state
+        frame, state = self.frames[-1], self._state
         reached = frame in self._reached
         centre = np.asarray(self._solver.calculateEstimatePoint3(key("P")))
         glued = np.asarray(self._solver.calculateEstimatePoint3(key("O"))) if self._reached else np.zeros(3)
@@ -178,35 +174,33 @@ class PoseGraph:
 
     def chaser_poses(self, newest: int | None = None) -> FloatArray:
         """Return the smoothed T_WB of all frames, or of the `newest` ones, shape (F, 4, 4)."""
-        frames = self._frames if newest is None else self._frames[-newest:]
+        frames = self.frames if newest is None else self.frames[-newest:]
         return np.stack([self._solver.calculateEstimatePose3(key("X", frame)).matrix() for frame in frames])
 
     def relative_poses(self, newest: int | None = None) -> dict[int, FloatArray]:
         """Return the smoothed T_GB by frame, of all frames or of the `newest` ones, omitting those without an edge."""
-        frames = self._frames if newest is None else self._frames[-newest:]
+        frames = self.frames if newest is None else self.frames[-newest:]
         pose_of = self._solver.calculateEstimatePose3
         return {frame: pose_of(key("G", frame)).matrix() for frame in frames if frame in self._reached}
 
     def _add_edge(self, edge: Edge) -> None:
         gtsam = self._gtsam
         first, second, pose = edge.first, edge.second, gtsam.Pose3(edge.pose)
-        if second not in self._frames or (first != MODEL and first not in self._frames):
+        if second not in self.frames or (first != MODEL and first not in self.frames):
             return
+        if first == MODEL and self._reached and second not in self._reached and not self._has_model:
+            self._forget_edges()  # nothing relates the model to the earlier edges: G begins at this frame
         if not self._reached:
             root = second if first == MODEL else first
             self._reach(root, gtsam.Pose3())
             self._add(gtsam.PriorFactorPose3(key("G", root), gtsam.Pose3(), self._same(6, _FIXED)), root)
-            guess = self._state["X"].transformTo(self._centre.position) if root == self._frames[-1] else None
+            guess = self._state["X"].transformTo(self._centre.position) if root == self.frames[-1] else None
             if guess is None:
                 guess = self._solver.calculateEstimatePose3(key("X", root)).transformTo(self._centre.position)
             self._values.insert(key("O"), guess)
             self._add(gtsam.PriorFactorPoint3(key("O"), guess, self._same(3, _LOOSE)))
         if first == MODEL:
             if second not in self._reached:
-                if not self._has_model:  # nothing relates the model to the earlier edges: restart G at this frame
-                    self._forget_edges()
-                    self._add_edge(edge)
-                    return
                 self._reach(second, self._pose_of("M").compose(pose))
             if not self._has_model:
                 self._has_model = True
@@ -241,7 +235,7 @@ class PoseGraph:
             self._add(factor, frame)
 
     def _add_frame(self, frame: int, pose: Any, velocity: FloatArray, bias: Any) -> None:
-        self._frames.append(frame)
+        self.frames.append(frame)
         self._values.insert(key("X", frame), pose)
         self._values.insert(key("V", frame), velocity)
         self._values.insert(key("B", frame), bias)
@@ -261,11 +255,7 @@ class PoseGraph:
             self._use_qr()
         self._factors, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._solution = self._solver.calculateEstimate()
-        self._state = {
-            "X": self._solution.atPose3(key("X", frame)),
-            "V": np.asarray(self._solution.atVector(key("V", frame))),
-            "B": self._solution.atConstantBias(key("B", frame)),
-        }
+        self._state = {letter: value_of(self._solution, letter, frame) for letter in "XVB"}
 
     def _marginals(self, frame: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the covariances of X and p, their cross-covariance, and the covariance of the velocity."""
@@ -296,7 +286,7 @@ class PoseGraph:
 
     def _loosen(self) -> None:
         """Reduce the weight of the inertial factors of the newest intervals, in one of which the bias has jumped."""
-        loose = {id(one.usual): one.loose for interval in self._doubted for one in interval}
+        loose = {id(usual): other for interval in self._doubted for usual, other in interval}
         self._kept = [(at, loose.get(id(factor), factor)) for at, factor in self._kept]
         self._doubted = []
         try:
@@ -315,46 +305,45 @@ class PoseGraph:
 
     def _forget_edges(self) -> None:
         """Remove all factors that concern G, so that another frame becomes its root; keep the chaser's motion."""
-        gtsam, kept = self._gtsam, {ord(letter) for letter in "xvbp"}
-        old, values = self._kept, gtsam.Values()
-        names = [(at, factor, factor.keys()) for at, factor in old]
-        factors = [(at, factor) for at, factor, keys in names if all(gtsam.symbolChr(name) in kept for name in keys)]
-        for letter, name in ((letter, key(letter, frame)) for letter in "XVB" for frame in self._frames):
-            known = self._values if self._values.exists(name) else self._solution
-            values.insert(name, value_of(known, letter, name))
-        values.insert(key("P"), self._solution.atPoint3(key("P")))
-        self._solver = gtsam.ISAM2(self._solver.params())
-        self._factors, self._values, self._kept, self._reached = gtsam.NonlinearFactorGraph(), values, [], set()
-        for at, factor in factors:
-            self._add(factor, *at)
+        values, target = self._gtsam.Values(self._solution), set("gyomz")
+        values.insert(self._values)
+        factors = [one for one in self._kept if target.isdisjoint(map(self._letter, one[1].keys()))]
+        self._restart(factors, values, lambda letter, index: letter in target)
+        self._reached = set()
 
     def _forget(self) -> None:
         """Rebuild the graph from its newer half, with `marginal_priors` in place of the older half."""
-        gtsam, solver = self._gtsam, self._solver
-        kept = set(self._frames[len(self._frames) // 2 :])
-        values = solver.calculateEstimate()
-        first = min(kept)
-        rooted = [frame for frame in sorted(kept) if frame in self._reached][:1]
-        poses = [("X", first), ("M", 0)] if self._has_model else [("X", first)]
-        poses += [("G", frame) for frame in rooted]
-        blocks = [*poses, ("V", first), ("B", first), ("P", 0), *([("O", 0)] if self._reached else [])]
-        priors = marginal_priors(solver, values, blocks)
-        old = self._kept
-        frames = sorted(kept)
-        self._solver, self._kept = gtsam.ISAM2(solver.params()), []
-        for at, factor in priors:
-            self._add(factor, *at)
-        for at, factor in old:
+        frames = self.frames[len(self.frames) // 2 :]
+        kept, values = set(frames), self._solver.calculateEstimate()
+        rooted = [frame for frame in frames if frame in self._reached][:1]
+        blocks = [("X", frames[0]), ("M", 0)] if self._has_model else [("X", frames[0])]
+        blocks += [("G", frame) for frame in rooted]
+        blocks += [("V", frames[0]), ("B", frames[0]), ("P", 0), *([("O", 0)] if self._reached else [])]
+        factors = marginal_priors(self._solver, values, blocks)
+        for at, factor in self._kept:
             is_prior_of_constant = not at and len(factor.keys()) == 1 and factor.keys()[0] != key("Z")
             if kept.issuperset(at) and not is_prior_of_constant:
-                self._add(factor, *at)
-        names = [(letter, frame) for letter in "XVB" for frame in frames] + [(letter, 0) for letter in "OPMZ"]
-        names += [(letter, frame) for letter in "GY" for frame in frames if frame in self._reached]
-        for letter, index in names:
-            if values.exists(key(letter, index)):
-                self._values.insert(key(letter, index), value_of(values, letter, key(letter, index)))
-        self._frames, self._reached = frames, self._reached & kept
+                factors.append((at, factor))
+        self._restart(factors, values, lambda letter, index: letter in OF_FRAMES.lower() and index not in kept)
+        self.frames, self._reached = frames, self._reached & kept
         self._solve(frames[-1])
+
+    def _restart(
+        self, factors: list[tuple[tuple[int, ...], Any]], values: Any, is_dropped: Callable[[str, int], bool]
+    ) -> None:
+        """Begin a new graph with some factors, and with the values whose letter and number are not dropped."""
+        gtsam = self._gtsam
+        self._solver = gtsam.ISAM2(self._solver.params())
+        self._factors, self._values, self._kept = gtsam.NonlinearFactorGraph(), values, []
+        for at, factor in factors:
+            self._add(factor, *at)
+        for name in list(values.keys()):
+            if is_dropped(self._letter(name), gtsam.symbolIndex(name)):
+                values.erase(name)
+
+    def _letter(self, name: int) -> str:
+        """Return the lower-case letter of a key."""
+        return chr(self._gtsam.symbolChr(name))
 
     def _diagonal(self, sigmas: FloatArray) -> Any:
         return self._gtsam.noiseModel.Diagonal.Sigmas(sigmas)

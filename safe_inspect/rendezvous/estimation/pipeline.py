@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +18,14 @@ from safe_inspect.rendezvous.estimation.change import (
     motion_of,
     newest_motion,
 )
-from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
-from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
-from safe_inspect.rendezvous.front_end.base import FrontEndRun
+from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate, History, TargetEstimate
+from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.poses import MODEL, Edge
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
+from safe_inspect.rendezvous.sensors.imu import InertialSample
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
-from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
 #: Minimum time between two fits of the motion [s].
@@ -47,29 +44,6 @@ _LEAST_TIME, _LONGEST = 15.0, 240.0
 _DOUBTFUL = 1.8
 
 
-@dataclass(frozen=True, eq=False)
-class PipelineParts:
-    """Components of a pipeline.
-
-    Attributes:
-        front_end: The front end of the mission.
-        back_end: Options of the back end.
-        characterise: Finds the motion.
-        target: The target, None if it is not known.
-        T_BC: Pose of the camera in B, shape (4, 4).
-        imu: Errors of the inertial unit.
-        imu_period: Time between two of its samples [s].
-    """
-
-    front_end: FrontEndRun
-    back_end: ISAM2BackEnd
-    characterise: PolhodeCharacteriser
-    target: Target | None
-    T_BC: FloatArray
-    imu: ImuNoise
-    imu_period: float
-
-
 def _is_consistent(found: TargetEstimate | None) -> bool:
     """Return whether a motion was found that agrees with all edges and with the newest ones."""
     return found is not None and max(found.misfit, found.recent_misfit) < _DOUBTFUL
@@ -79,69 +53,75 @@ class EstimationPipeline:
     """Front end, back end and characterisation of one mission or recording.
 
     Args:
-        parts: Components of the pipeline.
-        start: State of the chaser at time zero.
+        front_end: The front end of the mission.
+        back_end: Options of the back end.
+        characterise: Finds the motion.
+        context: The camera's pose in B, and the target if it is known.
+        imu: Buffer of the inertial unit.
+        start: State of the chaser at the first frame.
+        frame: The first frame.
     """
 
-    def __init__(self, parts: PipelineParts, start: ChaserStart) -> None:
-        self._parts, self._start = parts, start
-        self._back_end: PoseGraph | None = None
+    def __init__(
+        self,
+        front_end: FrontEndRun,
+        back_end: ISAM2BackEnd,
+        characterise: PolhodeCharacteriser,
+        context: FrontEndContext,
+        imu: ImuBuffer,
+        start: ChaserStart,
+        frame: DepthFrame,
+    ) -> None:
+        self._front_end, self._characterise, self._known = front_end, characterise, KnownBody.of(context.target)
+        radius = None if context.target is None else context.target.swept_radius
+        self._back_end = back_end(imu, start, CentrePrior.seen(frame.points, start, context.T_BC, radius))
         self._edges: list[Edge] = []
         self._times: dict[int, float] = {}
-        self._count = 0
         self._since = 0.0
         self._fitted_at = -np.inf
         self._jumps = self._refused = 0
         self._has_coasted = False
         #: None after the frames have disagreed with the commands, for instance because a thruster failed.
-        self._bias_jumps: BiasJumps | None = BiasJumps(parts.imu)
+        self._bias_jumps: BiasJumps | None = BiasJumps(imu.noise)
         self._mismatches: deque[float] = deque([np.inf] * _COMPARED, _COMPARED)
         self.graph: GraphEstimate | None = None
         self.target: TargetEstimate | None = None
         self.updated = 0.0
         self.changed = False
+        self._edges += self._step(frame, np.eye(3))
 
-    def check_biases(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
-        """Compare the samples of a step with the expected motion, before they are used; see `BiasJumps.check`."""
-        if self._bias_jumps is None or self._back_end is None or self.graph is None:
-            return
-        jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
-        if jump is not None:
-            self._back_end.imu.correct(jump)
+    def _step(self, frame: DepthFrame, rotation: FloatArray) -> list[Edge]:
+        """Return the edges of the next frame, given the chaser's rotation since the last one, shape (3, 3)."""
+        self._times[len(self._times)] = frame.time
+        return self._front_end.step(frame, self._predicted(frame.time), rotation)
+
+    def move(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
+        """Propagate a control step by the inertial unit, or by the expected motion if the unit gives no samples.
+
+        Args:
+            samples: The samples of the step.
+            expected: Motion that the actuators are expected to cause in it.
+            duration: Duration of the step [s].
+        """
+        imu = self._back_end.imu
+        if self._bias_jumps is not None and self.graph is not None:
+            jump = self._bias_jumps.check(samples, expected, self.graph.bias[:3], duration)
+            if jump is not None:
+                imu.correct(jump)
+        if not samples:
+            self._has_coasted = True
+            imu.coast(duration, expected.mean)
+        for sample in samples:
+            imu.add(sample.acceleration, sample.rate, imu.period)
 
     def measure(self, acceleration: FloatArray, rate: FloatArray, period: float) -> None:
-        """Add a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s].
-
-        Samples before the first frame are not used because the chaser's start is its state at that frame.
-        """
-        if self._back_end is not None:
-            self._back_end.imu.add(acceleration, rate, period)
-
-    def coast(self, period: float, commanded: FloatArray | None = None) -> None:
-        """Assume that the commanded motion was flown in a period [s] without a sample; without a command, free flight.
-
-        See `ImuBuffer.coast`.
-        """
-        self._has_coasted = True
-        if self._bias_jumps is not None:
-            self._bias_jumps.interrupt()
-        if self._back_end is not None:
-            self._back_end.imu.coast(period, np.zeros(6) if commanded is None else commanded)
+        """Add a sample of the inertial unit, in B [m/s^2, rad/s], at the end of a period [s]."""
+        self._back_end.imu.add(acceleration, rate, period)
 
     def see(self, frame: DepthFrame) -> None:
         """Add a frame at the time of the last sample."""
-        number, self._count = self._count, self._count + 1
-        self._times[number] = frame.time
-        if self._back_end is None:
-            parts = self._parts
-            imu = ImuBuffer(parts.imu, parts.imu_period)
-            radius = None if parts.target is None else parts.target.swept_radius
-            centre = CentrePrior.seen(frame.points, self._start, parts.T_BC, radius)
-            self._back_end = parts.back_end(imu, self._start, centre)
-            self._edges += parts.front_end.step(frame, None, np.eye(3))
-            return
-        back_end = self._back_end
-        edges = self._parts.front_end.step(frame, self._predicted(frame.time), back_end.imu.rotation)
+        number, back_end = len(self._times), self._back_end
+        edges = self._step(frame, back_end.imu.rotation)
         expected, _, _ = back_end.now()
         measured, edges = edges, self._trusted(expected, edges)
         self._edges += edges
@@ -164,30 +144,29 @@ class EstimationPipeline:
 
     def now(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return T_WB (4, 4), the velocity in W (3,) and the angular velocity in B (3,) at the last sample."""
-        if self._back_end is None:
-            return self._start.pose, self._start.velocity, np.zeros(3)
         return self._back_end.now()
 
-    def history(self) -> History:
-        """Return the history of the frames since the last detected change of motion, at most `_LONGEST` seconds."""
-        assert self._back_end is not None, "a history needs a frame"
-        frames = list(self._back_end.frames)
-        poses = self._back_end.chaser_poses()
-        relative = self._back_end.relative_poses()
-        newest = self._times[frames[-1]]
-        kept = [k for k, frame in enumerate(frames) if self._times[frame] >= max(self._since, newest - _LONGEST)]
-        glued = np.full((len(kept), 4), np.nan)
-        for place, k in enumerate(kept):
-            if frames[k] in relative:
-                glued[place] = from_matrix(relative[frames[k]][:3, :3])
-        names = [frames[k] for k in kept]
-        while len(names) and not np.isfinite(glued[0]).all():
-            names, glued, kept = names[1:], glued[1:], kept[1:]
+    def history(self, count: int = 0) -> History:
+        """Return the history since the last detected change of motion, at most `_LONGEST` seconds.
+
+        Args:
+            count: Number of the newest frames that are considered; 0 for all frames.
+        """
+        frames = list(self._back_end.frames)[-count:]
+        poses, relative = self._back_end.chaser_poses(len(frames)), self._back_end.relative_poses(len(frames))
+        since = max(self._since, self._times[frames[-1]] - _LONGEST)
+        begun = (k for k, frame in enumerate(frames) if frame in relative and self._times[frame] >= since)
+        first = next(begun, len(frames))
+        names = frames[first:]
+        glued = np.full((len(names), 4), np.nan)
+        for place, name in enumerate(names):
+            if name in relative:
+                glued[place] = from_matrix(relative[name][:3, :3])
         times = np.array([self._times[name] for name in names])
-        return History.of(times, from_matrix(poses[kept][:, :3, :3]), glued, self._edges, names)
+        return History.of(times, from_matrix(poses[first:, :3, :3]), glued, self._edges, names)
 
     def _fit(self, time: float) -> None:
-        parts, graph, known = self._parts, self.graph, self.target
+        graph, known = self.graph, self.target
         if time - self._since < _LEAST_TIME or graph is None:
             return
         history = self.history()
@@ -198,9 +177,9 @@ class EstimationPipeline:
         before = None
         if known is not None and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
             before = motion_of(known)
-        found = parts.characterise(history, parts.target, before, model)
+        found = self._characterise(history, self._known, before, model)
         if self.changed and before is not None and not _is_consistent(found):
-            found = parts.characterise(history, parts.target, None, model)
+            found = self._characterise(history, self._known, None, model)
         if found is None or _is_consistent(found):
             self.target, self.changed = found or known, self.changed and found is None
         elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
@@ -218,22 +197,13 @@ class EstimationPipeline:
         if self.changed:
             self._follow_newest(time)
             return
-        times, orientation = self._newest_attitudes(known)
+        if not known.aligned and self.graph is not None and self.graph.model is not None:
+            return  # the newest frames are not related to the axes
+        times, q_WG = self.history(_CHANGED_FRAMES).in_inertial  # noqa: N806
         sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
-        if departs(known, times, orientation, float(sigma)):
+        if departs(known, times, multiply(q_WG, known.q_GT), float(sigma)):
             # The frames that are off were taken after the change; those before them possibly were not.
             self._forget_before(float(times[-OFF_FRAMES]), time)
-
-    def _newest_attitudes(self, known: TargetEstimate) -> tuple[FloatArray, FloatArray]:
-        """Return times [s], shape (n,), and measured attitudes q_WT, shape (n, 4), of the newest frames."""
-        assert self._back_end is not None, "frames come before poses"
-        is_placed = known.aligned or self.graph is None or self.graph.model is None
-        frames = self._back_end.frames[-_CHANGED_FRAMES:]
-        poses = dict(zip(frames, self._back_end.chaser_poses(len(frames)), strict=True))
-        relative = self._back_end.relative_poses(len(frames)) if is_placed else {}
-        q_WG = [from_matrix(poses[frame][:3, :3] @ relative[frame][:3, :3].T) for frame in relative]  # noqa: N806
-        times = np.array([self._times[frame] for frame in relative])
-        return times, multiply(np.reshape(q_WG, (-1, 4)), known.q_GT)
 
     def _forget_before(self, since: float, time: float) -> None:
         """Mark the motion as changed and find it again from the frames after the time `since` [s]."""
@@ -273,7 +243,7 @@ class EstimationPipeline:
         shows nothing.
         """
         known, graph = self.target, self.graph
-        if known is None or graph is None or self._back_end is None:
+        if known is None or graph is None:
             return np.inf
         relative = {} if all(edge.first == MODEL for edge in edges) else self._back_end.relative_poses()
         q, _ = known.predict(np.array([time]))
@@ -290,7 +260,7 @@ class EstimationPipeline:
     def _predicted(self, time: float) -> FloatArray | None:
         """Return the predicted T_GB at a time [s], shape (4, 4); None before the motion is known."""
         graph, target = self.graph, self.target
-        if graph is None or target is None or self._back_end is None:
+        if graph is None or target is None:
             return None
         pose, _, _ = self._back_end.now()
         q, _ = target.predict(np.array([time]))

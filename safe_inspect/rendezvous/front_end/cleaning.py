@@ -74,52 +74,27 @@ class Cleaning:
         """
         from scipy import ndimage  # slow to import
 
-        directions = self.camera.directions
-        used = frame.valid
+        depth, directions = frame.depth, self.camera.directions
         # Close gaps between parts that only appear separate, for instance behind an edge: they are not free space.
-        seen = used | ndimage.binary_closing(used)
-        used = _large_clusters(directions, frame.depth, used)
-        inner = used & ~_depth_edges(frame.depth, used, self.edge)
+        seen = frame.valid | ndimage.binary_closing(frame.valid)
+        used = _large_clusters(directions, depth, frame.valid)
+        # Pixels that are not used must not count as a difference: take the extremes over the used neighbours only.
+        least = ndimage.minimum_filter(np.where(used, depth, np.inf), size=3)
+        largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
+        inner = used & (largest - depth <= self.edge) & (depth - least <= self.edge)
         rays = directions[inner]
-        ranges = frame.depth[inner] / rays[:, 2]
+        ranges = depth[inner] / rays[:, 2]
         silhouette, outwards = np.zeros((2, *used.shape), np.int64), np.zeros((2, *used.shape))
         if used.any():
             silhouette = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
-            outwards = _outwards(seen)
+            blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
+            slope = -np.stack(np.gradient(blurred))
+            length = np.sqrt((slope**2).sum(axis=0))
+            outwards = np.where(length > _LEAST_SLOPE, slope / np.maximum(length, _LEAST_SLOPE), 0.0)
+        points = move(T_BC, rays * ranges[:, None])
         return Cloud(
-            move(T_BC, rays * ranges[:, None]),
-            rays @ T_BC[:3, :3].T,
-            ranges,
-            silhouette.astype(np.int64, copy=False),
-            outwards,
-            _least_depth(frame.depth, used),
+            points, rays @ T_BC[:3, :3].T, ranges, silhouette.astype(np.int64, copy=False), outwards, np.asarray(least)
         )
-
-
-def _outwards(seen: BoolArray) -> FloatArray:
-    """Return the directions in which a blurred mask decreases, shape (2, height, width); 0 far from its border."""
-    from scipy import ndimage  # slow to import
-
-    blurred = ndimage.gaussian_filter(seen.astype(np.float64), _BLUR, mode="nearest")
-    slope = -np.stack(np.gradient(blurred))
-    length = np.sqrt((slope**2).sum(axis=0))
-    return np.asarray(np.where(length > _LEAST_SLOPE, slope / np.maximum(length, _LEAST_SLOPE), 0.0))
-
-
-def _depth_edges(depth: FloatArray, used: BoolArray, edge: float) -> BoolArray:
-    """Return the pixels with a used neighbour whose depth differs by more than `edge` [m]."""
-    from scipy import ndimage  # slow to import
-
-    # Pixels that are not used must not count as a difference: take the extremes over the used neighbours only.
-    largest = ndimage.maximum_filter(np.where(used, depth, -np.inf), size=3)
-    return np.asarray((largest - depth > edge) | (depth - _least_depth(depth, used) > edge))
-
-
-def _least_depth(depth: FloatArray, used: BoolArray) -> FloatArray:
-    """Return the smallest depth of the used pixels among a pixel and its neighbours, infinite if there are none [m]."""
-    from scipy import ndimage  # slow to import
-
-    return np.asarray(ndimage.minimum_filter(np.where(used, depth, np.inf), size=3))
 
 
 def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:

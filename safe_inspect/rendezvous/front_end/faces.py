@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import BoolArray, FloatArray
 
 
 class RangeNoise(NamedTuple):
@@ -24,38 +24,6 @@ class RangeNoise(NamedTuple):
     k: float
     lateral: float
     cut: float
-
-
-class FrameView(NamedTuple):
-    """Pose of the camera and its measurements.
-
-    Attributes:
-        axes: R_BC, shape (3, 3).
-        origin: Position of the camera in B [m], shape (3,).
-        silhouette: Row and column of the nearest pixel that sees the target, shape (2, height, width).
-        outwards: Direction along rows and columns out of the silhouette, shape (2, height, width).
-        measured: Smallest depth at a pixel and its neighbours, infinite for none [m], shape (height, width).
-        intrinsics: Focal lengths and principal point ``(fx, fy, cx, cy)``, x along rows and y along columns [px].
-        sigma: Standard deviation of the silhouette [px].
-        cut: Distance to the silhouette at which Huber's weights begin to decrease [m].
-        least_cosine: Minimum cosine of incidence at which a point of the shape should be visible.
-        nearest: Range below which the camera may measure nothing [m].
-        farthest: Range above which the camera may measure nothing [m].
-        noise: Error model of the camera.
-    """
-
-    axes: FloatArray
-    origin: FloatArray
-    silhouette: IntArray
-    outwards: FloatArray
-    measured: FloatArray
-    intrinsics: tuple[float, float, float, float]
-    sigma: float
-    cut: float
-    least_cosine: float
-    nearest: float
-    farthest: float
-    noise: RangeNoise
 
 
 class Faces(NamedTuple):

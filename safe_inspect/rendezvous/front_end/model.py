@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior, acquire
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target
@@ -149,10 +149,11 @@ class _ModelFrontEndRun:
         if len(cloud) < _LEAST_POINTS:
             self._fail(self._hypotheses)
             return []
+        expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         if self._hypotheses:
-            self._track(cloud, frame.time, predicted)
+            self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
         elif len(cloud) >= _SEARCH_POINTS:
-            self._search(cloud, frame.time, predicted)
+            self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
             return []
         was_ambiguous = len(self._hypotheses) > 1
@@ -179,8 +180,7 @@ class _ModelFrontEndRun:
     def _place(self, found: Registration, predicted: FloatArray) -> None:
         """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
         shown = found.pose @ inverse(predicted)
-        off = None if self._T_MG is None else difference(self._T_MG, shown)
-        if off is None or self._T_MG is None or _is_beyond(off, _FAR_OFF):
+        if self._T_MG is None or _is_beyond(off := difference(self._T_MG, shown), _FAR_OFF):
             self._T_MG = shown
         else:
             self._T_MG = perturbed(self._T_MG, _PLACING * off)
@@ -195,16 +195,12 @@ class _ModelFrontEndRun:
         starts = [] if expected is None else [(expected, _EXPECTATION)]
         if expected is None or _is_beyond(difference(expected, start), _PREDICTION):
             starts.append((start, _PREDICTION))
-        priors = [Prior(at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
-        tried = [self._registration(cloud, prior.pose, prior) for prior in priors]
+        tried = [self._registration(cloud, at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
         return min(tried, key=lambda one: one.score)
 
-    def _track(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
-        """Register the frame from the prediction of each hypothesis; for a single one also from the back end's."""
+    def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
+        """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's."""
         failed = []
-        expected = None
-        if len(self._hypotheses) == 1 and self._T_MG is not None and predicted is not None:
-            expected = self._T_MG @ predicted
         for hypothesis in self._hypotheses:
             start = hypothesis.motion.predict(time)
             found = self._registered(cloud, start, expected)
@@ -218,14 +214,16 @@ class _ModelFrontEndRun:
         self._fail(failed)
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
 
-    def _search(self, cloud: Cloud, time: float, predicted: FloatArray | None) -> None:
-        """Search for the shape without a prediction; do nothing if too many poses explain the frame."""
+    def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
+        """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.
+
+        Do nothing if too many poses explain the frame.
+        """
         found = acquire(self._registration, cloud)
         fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
         if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
             return
-        if self._T_MG is not None and predicted is not None:
-            expected = self._T_MG @ predicted
+        if expected is not None:
             near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
             fitting = near or fitting
         self._hypotheses = [

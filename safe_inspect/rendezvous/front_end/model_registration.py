@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.front_end.faces import FrameView, RangeNoise, faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model_kernel import FAR, add_silhouette_equations, face_equations
+from safe_inspect.rendezvous.front_end.faces import RangeNoise, faces_of, surface_points
+from safe_inspect.rendezvous.front_end.residuals import face_residuals, silhouette_residuals
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
@@ -19,6 +19,8 @@ from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
+#: Largest component of a step [rad, m].
+_LARGEST_STEP = 0.2
 #: Distance to a face beyond which points do not count [m].
 _CUT = 0.03
 #: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
@@ -36,38 +38,6 @@ _SECOND_ORDER = 10.0
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
 #: Poses whose attitudes differ by less count as the same [rad].
 _SAME = np.deg2rad(10.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Prior of a pose.
-
-    Attributes:
-        pose: The expected T_MB, shape (4, 4).
-        information: Information matrix of the tangent from the right, shape (6, 6).
-    """
-
-    pose: FloatArray
-    information: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Normal equations of a frame at a pose; the tangent acts from the right.
-
-    Attributes:
-        hessian: Matrix of the equations, shape (6, 6).
-        gradient: Gradient of the cost, shape (6,).
-        score: Mean distance of the points to the shape plus that of the shape to the silhouette, each at most 5 cm [m].
-        inliers: Fraction of the points that are close to the shape.
-        excess: Mean weighted square of the residuals.
-    """
-
-    hessian: FloatArray
-    gradient: FloatArray
-    score: float
-    inliers: float
-    excess: float
 
 
 class ModelRegistration:
@@ -104,7 +74,7 @@ class ModelRegistration:
         self,
         cloud: Cloud,
         start: FloatArray,
-        prior: Prior | None = None,
+        information: FloatArray | None = None,
         *,
         iterations: int = 12,
         widening: float = 1.6,
@@ -118,33 +88,38 @@ class ModelRegistration:
         Args:
             cloud: The cleaned frame.
             start: Initial T_MB, shape (4, 4).
-            prior: Prior of the pose; it constrains directions that the frame does not.
+            information: Information matrix of a prior at the start, of the tangent from the right, shape (6, 6), which
+                constrains directions that the frame does not; None without a prior.
             iterations: Maximum number of steps.
             widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
             coarse: Whether to compare fewer points of the shape with the silhouette.
         """
         pose = start
-        base = np.zeros((6, 6)) if prior is None else prior.information
+        prior = np.zeros((6, 6)) if information is None else information
         for step in range(iterations + 1):
-            found = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
+            found, gradient = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
             if step == iterations:
                 break
-            offset = np.zeros(6) if prior is None else base @ difference(prior.pose, pose)
+            pull = prior @ difference(start, pose)
             damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
-            move = -np.linalg.solve(found.hessian + base + damping, found.gradient + offset)
+            move = -np.linalg.solve(found.hessian + prior + damping, gradient + pull)
             if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
-            pose = perturbed(pose, _limited(np.asarray(move, dtype=np.float64)))
+            pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))
         # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
         turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0) ** _SPREAD_POWER
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
-        return Registration(pose, found.hessian, found.score, found.inliers, excess, systematic)
+        return replace(found, excess=excess, systematic=systematic)
 
-    def linearise(self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False) -> Linearised:
-        """Return the normal equations of a frame at a pose.
+    def linearise(
+        self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False
+    ) -> tuple[Registration, FloatArray]:
+        """Return the normal equations of a frame at a pose: a registration that stays there, and the gradient, (6,).
+
+        The excess is the mean weighted square of the residuals.
 
         Args:
             cloud: The cleaned frame.
@@ -152,38 +127,16 @@ class ModelRegistration:
             widening: Factor of the cut.
             coarse: Whether to compare fewer points of the shape with the silhouette.
         """
-        hessian, gradient = np.zeros((6, 6)), np.zeros(6)
-        mount = self._T_BC
-        view = FrameView(
-            axes=np.ascontiguousarray(mount[:3, :3]),
-            origin=mount[:3, 3].copy(),
-            silhouette=cloud.silhouette,
-            outwards=cloud.outwards,
-            measured=cloud.nearest,
-            intrinsics=self._camera.intrinsics,
-            sigma=1.5,
-            cut=0.02,
-            least_cosine=0.25,
-            nearest=self._camera.least_range + FAR,
-            farthest=self._camera.largest_range - FAR,
-            noise=self._noise,
-        )
+        mount, samples = self._T_BC, self.coarse_samples if coarse else self.samples
         noise = self._noise._replace(cut=self._noise.cut * widening)
         visible = self.faces.looks_to((pose @ mount)[:3, 3])
-        squares, distance, number, inliers = face_equations(
-            self.faces, visible, pose, cloud.points, cloud.rays, cloud.ranges, noise, hessian, gradient
-        )
-        samples = self.coarse_samples if coarse else self.samples
-        _, outside, seen, _ = add_silhouette_equations(samples, pose, view, hessian, gradient)
-        score = distance / max(number, 1) + outside / max(seen, 1)
+        on_faces, distance, inliers = face_residuals(self.faces, visible, pose, cloud, noise)
+        outside, far = silhouette_residuals(samples, pose, cloud, self._camera, mount, noise)
+        of_faces = on_faces.sums(np.zeros((7, 7)))
+        sums, squares, number = outside.sums(of_faces), float(of_faces[6, 6]), max(len(cloud), 1)
+        score = float(np.cumsum([0.0, *distance])[-1]) / number + float(np.cumsum([0.0, *far])[-1]) / max(len(far), 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
-        return Linearised(hessian, gradient, score, inliers / max(number, 1), excess)
-
-
-def _limited(tangent: FloatArray) -> FloatArray:
-    """Return a step scaled down so that no component exceeds 0.2 rad or 0.2 m."""
-    largest = max(float(np.abs(tangent).max()) / 0.2, 1.0)
-    return tangent / largest
+        return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()
 
 
 def _spread_rotations(count: int) -> FloatArray:

@@ -113,7 +113,13 @@ def register(target: _PreparedCloud, source: _PreparedCloud, start: FloatArray) 
 
 @dataclass(frozen=True, eq=False)
 class _Keyframe:
-    """Frame that others are registered to: its number, T_GB as estimated by this front end, and its cloud in B."""
+    """Frame that others are registered to.
+
+    Attributes:
+        number: Number of the frame.
+        pose: T_GB as estimated by this front end, shape (4, 4).
+        cloud: Points in B [m].
+    """
 
     number: int
     pose: FloatArray
@@ -152,29 +158,24 @@ class _SubmapFrontEndRun:
     def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
         self._cleaning = Cleaning(context.camera)
         self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
-        self._keyframes: list[_Keyframe] = []
+        self.keyframes: list[_Keyframe] = []
         # Both are set when the first keyframe is added.
         self._submap: _PreparedCloud
         self._motion: RelativeMotion
         self._count = self._failures = 0
 
-    @property
-    def keyframes(self) -> list[tuple[int, FloatArray, FloatArray]]:
-        """Number, T_GB as estimated by this front end, shape (4, 4), and points in B [m], (n, 3), of each keyframe."""
-        return [(one.number, one.pose, one.cloud.points) for one in self._keyframes]
-
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
         """Return the edge of a frame to the last keyframe and, for a new keyframe, its edges to earlier ones."""
         number = self._count
         self._count += 1
-        if self._keyframes:
+        if self.keyframes:
             self._motion.turned(rotation)
         points = self._cleaning(frame, self._T_BC).points
         if len(points) < _LEAST_POINTS:
             self._failures += 1
             return []
         cloud = prepared_cloud(points)
-        if not self._keyframes:
+        if not self.keyframes:
             self._add(number, np.eye(4), cloud)
             self._motion = RelativeMotion(frame.time, np.eye(4))
             return []
@@ -184,7 +185,7 @@ class _SubmapFrontEndRun:
             return []
         self._failures = 0
         self._motion.observe(frame.time, found.pose)
-        last = self._keyframes[-1]
+        last = self.keyframes[-1]
         edges = [_edge(last, number, inverse(last.pose) @ found.pose, found, kind)]
         turn = rotation_log(last.pose[:3, :3].T @ found.pose[:3, :3])
         if np.linalg.norm(turn) >= _KEYFRAME_ANGLE or found.inliers < 0.5:
@@ -214,7 +215,7 @@ class _SubmapFrontEndRun:
         The submap must confirm the pose.
         """
         fits = []
-        for one in self._keyframes:
+        for one in self.keyframes:
             middles = one.cloud.points.mean(axis=0) - cloud.points.mean(axis=0)
             found = register(one.cloud, cloud, pose(np.eye(3), middles))
             fits.append((found.inliers, one.pose @ found.pose))
@@ -226,20 +227,16 @@ class _SubmapFrontEndRun:
 
     def _accepts(self, start: FloatArray, found: Registration) -> bool:
         off = difference(start, found.pose)
-        centre = np.linalg.norm(move(found.pose, self._middle) - move(start, self._middle))
+        middle = self.keyframes[-1].cloud.points.mean(axis=0, keepdims=True)
+        shift = np.linalg.norm(move(found.pose, middle) - move(start, middle))
         return bool(
-            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and centre <= _LARGEST_SHIFT
+            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and shift <= _LARGEST_SHIFT
         )
-
-    @property
-    def _middle(self) -> FloatArray:
-        """Mean of the last keyframe's points in B [m], shape (1, 3)."""
-        return np.asarray(self._keyframes[-1].cloud.points.mean(axis=0, keepdims=True))
 
     def _skips(self, number: int, T_GB: FloatArray, cloud: _PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the keyframes before the last one."""
         edges = []
-        for one in self._keyframes[-1 - self._options.skips : -1]:
+        for one in self.keyframes[-1 - self._options.skips : -1]:
             found = register(one.cloud, cloud, inverse(one.pose) @ T_GB)
             if found.inliers >= _LEAST_INLIERS:
                 edges.append(_edge(one, number, found.pose, found, "skip"))
@@ -247,10 +244,9 @@ class _SubmapFrontEndRun:
 
     def _loops(self, number: int, T_GB: FloatArray, cloud: _PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the closest earlier view and to a random close one, from seven starts each."""
-        earlier = self._keyframes[: max(len(self._keyframes) - _LOOP_GAP, 0)]
+        earlier = self.keyframes[: max(len(self.keyframes) - _LOOP_GAP, 0)]
         angles = [float(np.linalg.norm(rotation_log(one.pose[:3, :3].T @ T_GB[:3, :3]))) for one in earlier]
-        near = [one for _, one in sorted(zip(angles, earlier, strict=True), key=lambda pair: pair[0])]
-        near = near[: sum(angle < _LOOP_ANGLE for angle in angles)]
+        near = [earlier[k] for k in np.argsort(angles, kind="stable") if angles[k] < _LOOP_ANGLE]
         if not near:
             return []
         drawn = float(self._streams.uniform("front_end.loop", 1, number)[0, 0])
@@ -268,8 +264,8 @@ class _SubmapFrontEndRun:
 
     def _add(self, number: int, T_GB: FloatArray, cloud: _PreparedCloud) -> None:  # noqa: N803
         """Add a keyframe and update the submap."""
-        self._keyframes.append(_Keyframe(number, T_GB, cloud))
-        newest = self._keyframes[-self._options.submap :]
+        self.keyframes.append(_Keyframe(number, T_GB, cloud))
+        newest = self.keyframes[-self._options.submap :]
         self._submap = prepared_cloud(np.concatenate([move(one.pose, one.cloud.points) for one in newest]))
 
 

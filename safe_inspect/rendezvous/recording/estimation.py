@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -12,9 +12,9 @@ from safe_inspect.dynamics.quaternion import conjugate, log, multiply, to_matrix
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, largest_sigma
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, History, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.poses import Edge, move
 from safe_inspect.rendezvous.recording.reader import SensorLog
@@ -120,20 +120,25 @@ def _estimate(
     streams = Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
     camera, T_BC = log_.description.camera.geometry, log_.T_BC  # noqa: N806
     period = float(np.median(np.diff(log_.imu[:, 0]))) if len(log_.imu) > 1 else 1.0
-    parts = estimator.parts(FrontEndContext(camera, T_BC, target, streams), log_.description.imu, period)
-    recorder = _Recorder(parts.front_end)
-    pipeline = EstimationPipeline(replace(parts, front_end=recorder), ChaserStart(*log_.start))
+    context, noise = FrontEndContext(camera, T_BC, target, streams), log_.description.imu
+    recorder = _Recorder(estimator.front_end(context))
+    parts = (recorder, estimator.back_end, estimator.characteriser, context)
+    pipeline: EstimationPipeline | None = None
     online, positions, before = [], [], float(log_.times[0])
     for done, (frame, samples) in enumerate(log_.steps()):
         for row in samples:
-            pipeline.measure(row[1:4], row[4:7], float(row[0]) - before)
+            if pipeline is not None:  # the chaser's start is its state at the first frame
+                pipeline.measure(row[1:4], row[4:7], float(row[0]) - before)
             before = float(row[0])
-        pipeline.see(frame)
+        if pipeline is None:
+            pipeline = EstimationPipeline(*parts, ImuBuffer(noise, period), ChaserStart(*log_.start), frame)
+        else:
+            pipeline.see(frame)
         positions.append(pipeline.now()[0][:3, 3].copy())
         online.append(_row(pipeline, frame, recorder.newest))
         if progress is not None:
             progress(done + 1, len(log_))
-    if pipeline.graph is None or pipeline.target is None:
+    if pipeline is None or pipeline.graph is None or pipeline.target is None:
         seen = sum(row[2] > 0 for row in online)
         raise ConfigError(
             f"{log_.folder}: the motion of the target could not be determined; {seen} of {len(log_)} frames gave a "

@@ -12,13 +12,11 @@ from safe_inspect.config.models.experiment import Model
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
-from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, perturbed
+from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
-from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate, quantity
+from safe_inspect.units import NonNegativeAngle, NonNegativeAngularRate, NonNegativeLength
 
-_Angle = quantity("rad", ge=0)
-_Length = quantity("m", ge=0)
 #: Smallest standard deviation of a stated covariance [rad, m].
 _LEAST_SIGMA = 1e-6
 
@@ -43,14 +41,14 @@ class PoseSensor(Model):
         skips: Number of earlier frames relative to which poses are measured.
     """
 
-    rotation_sigma: _Angle = 0.003490658503988659  # type: ignore[valid-type]
-    translation_sigma: _Length = 0.003  # type: ignore[valid-type]
-    view_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    view_translation: _Length = 0.005  # type: ignore[valid-type]
+    rotation_sigma: NonNegativeAngle = 0.003490658503988659  # type: ignore[valid-type]
+    translation_sigma: NonNegativeLength = 0.003  # type: ignore[valid-type]
+    view_rotation: NonNegativeAngle = 0.008726646259971648  # type: ignore[valid-type]
+    view_translation: NonNegativeLength = 0.005  # type: ignore[valid-type]
     model: bool = True
-    model_rotation: _Angle = 0.008726646259971648  # type: ignore[valid-type]
-    model_translation: _Length = 0.005  # type: ignore[valid-type]
-    keyframe: _Angle = 0.2094395102393195  # type: ignore[valid-type]
+    model_rotation: NonNegativeAngle = 0.008726646259971648  # type: ignore[valid-type]
+    model_translation: NonNegativeLength = 0.005  # type: ignore[valid-type]
+    keyframe: NonNegativeAngle = 0.2094395102393195  # type: ignore[valid-type]
     skips: int = Field(default=3, ge=1)
 
 
@@ -93,7 +91,7 @@ class PoseSensorRun:
         if not in_view:
             return ()
         sensor = self._sensor
-        if self._keyframe is None or _angle(self._keyframe, pose) > sensor.keyframe:
+        if self._keyframe is None or np.linalg.norm(difference(self._keyframe, pose)[:3]) > sensor.keyframe:
             self._keyframe, self._drawn = pose, self._drawn + 1
         unit = self._streams.normal("front_end.view", 12, self._drawn)[0]
         view = unit[:6] * np.repeat([sensor.view_rotation, sensor.view_translation], 3)
@@ -120,11 +118,6 @@ class PoseSensorRun:
 def _covariance(rotation: float, translation: float) -> FloatArray:
     sigmas = np.maximum(np.repeat([rotation, translation], 3), _LEAST_SIGMA)
     return np.diag(sigmas**2)
-
-
-def _angle(first: FloatArray, second: FloatArray) -> float:
-    cosine = 0.5 * (np.trace(first[:3, :3].T @ second[:3, :3]) - 1.0)
-    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 class StateSensor(Model):

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.target.model import (
-    InertiaMatrix,
-    Point,
-    Target,
-    TargetModel,
-    TriangleMesh,
-    checked_inertia,
-)
+from safe_inspect.rendezvous.target.model import InertiaMatrix, Point, Target, TargetModel, TriangleMesh
 from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
 from safe_inspect.tasks.rendezvous.shape import boxes_in_model
 from safe_inspect.types import FloatArray
@@ -29,8 +22,6 @@ _FACES = np.array(
         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
     ]
 )  # fmt: skip
-#: Mass [kg].
-MASS = 7827.867
 #: Number of small boxes on the bus that only sensors see, and their largest half size [m] at full scale.
 _DETAILS, _DETAIL_SIZE = 16, 0.3
 
@@ -40,42 +31,28 @@ def aligned_boxes(centre: FloatArray, half_size: FloatArray) -> OrientedBoxes:
     return OrientedBoxes(centre, half_size, np.broadcast_to(np.eye(3), (len(centre), 3, 3)))
 
 
-def _join_boxes(*parts: OrientedBoxes) -> OrientedBoxes:
-    """Return the boxes of several sets as one set."""
-    return OrientedBoxes(
-        np.concatenate([part.centre for part in parts]),
-        np.concatenate([part.half_size for part in parts]),
-        np.concatenate([part.rotation for part in parts]),
-    )
-
-
-def _scale_boxes(boxes: OrientedBoxes, scale: float) -> OrientedBoxes:
-    """Return boxes scaled about the origin."""
-    return OrientedBoxes(boxes.centre * scale, boxes.half_size * scale, boxes.rotation)
-
-
-def _mesh_of_boxes(boxes: OrientedBoxes) -> TriangleMesh:
+def _mesh_of_boxes(*parts: OrientedBoxes) -> TriangleMesh:
     """Return the faces of all boxes, twelve triangles for each."""
-    corners = boxes.centre[:, None, :] + np.einsum("bij,kj,bj->bki", boxes.rotation, _SIGNS, boxes.half_size)
-    faces = _FACES[None, :, :] + 8 * np.arange(len(boxes))[:, None, None]
+    offsets = [np.einsum("bij,kj,bj->bki", part.rotation, _SIGNS, part.half_size) for part in parts]
+    corners = np.concatenate([part.centre[:, None, :] + offset for part, offset in zip(parts, offsets, strict=True)])
+    faces = _FACES[None, :, :] + 8 * np.arange(len(corners))[:, None, None]
     return TriangleMesh(corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64))
 
 
-def _inertia_of_boxes(boxes: OrientedBoxes, mass: float) -> FloatArray:
+def _inertia_of_boxes(boxes: OrientedBoxes) -> FloatArray:
     """Return the inertia of boxes of equal density that do not overlap, about their common centre of mass.
 
     It is the sum of ``m/3 R diag(|h|^2 - h^2) R^T + m (|c|^2 I - c c^T)`` over all boxes of mass m and half sizes h.
 
     Args:
         boxes: The boxes.
-        mass: The total mass of the boxes [kg].
 
     Returns:
-        Inertia in the boxes' frame [kg m^2], shape (3, 3).
+        Inertia in the boxes' frame for a total mass of 1 kg [kg m^2], shape (3, 3).
     """
     volume = boxes.half_size.prod(axis=1)
-    share = mass * volume / volume.sum()
-    offset = boxes.centre - (share[:, None] * boxes.centre).sum(axis=0) / mass
+    share = volume / volume.sum()
+    offset = boxes.centre - (share[:, None] * boxes.centre).sum(axis=0)
     square = boxes.half_size**2
     own = (square.sum(axis=1, keepdims=True) - square) / 3.0
     inertia = np.einsum("b,bij,bj,bkj->ik", share, boxes.rotation, own, boxes.rotation)
@@ -112,8 +89,6 @@ class BoxTarget(TargetModel):
     inertia: InertiaMatrix | None = None
     mating_point: Point = (0.0, 0.0, 0.5)
 
-    _check_inertia = field_validator("inertia")(checked_inertia)
-
     def __call__(self) -> Target:
         """Return the target."""
         rotation = to_matrix(exp(np.array([box.rotation for box in self.boxes])))
@@ -123,14 +98,9 @@ class BoxTarget(TargetModel):
         if inertia is None:
             volume = half_size.prod(axis=1, keepdims=True)
             centre = centre - (volume * centre).sum(axis=0) / volume.sum()
-            inertia = _inertia_of_boxes(OrientedBoxes(centre, half_size, rotation), 1.0)
+            inertia = _inertia_of_boxes(OrientedBoxes(centre, half_size, rotation))
         boxes = OrientedBoxes(centre, half_size, rotation)
         return Target(boxes, _mesh_of_boxes(boxes), inertia, np.array(self.mating_point))
-
-
-def envisat_boxes() -> OrientedBoxes:
-    """Return the boxes of the bus, the solar array, the boom and the radar antenna at full scale, in M."""
-    return boxes_in_model(ENVISAT_BOXES)
 
 
 class EnvisatTarget(TargetModel):
@@ -148,22 +118,20 @@ class EnvisatTarget(TargetModel):
 
     def __call__(self) -> Target:
         """Return the target."""
-        boxes = envisat_boxes()
-        seen = _join_boxes(boxes, _details(boxes))
-        return Target(
-            boxes=_scale_boxes(boxes, self.scale),
-            mesh=_mesh_of_boxes(_scale_boxes(seen, self.scale)),
-            inertia=np.array(ENVISAT_INERTIA) * self.scale**5,
-            mating_point=np.array(self.mating_point),
-        )
+        boxes, scale = boxes_in_model(ENVISAT_BOXES), self.scale
+        centre, half_size = _details(boxes)
+        details = aligned_boxes(centre * scale, half_size * scale)
+        boxes = OrientedBoxes(boxes.centre * scale, boxes.half_size * scale, boxes.rotation)
+        mesh = _mesh_of_boxes(boxes, details)
+        return Target(boxes, mesh, np.array(ENVISAT_INERTIA) * scale**5, np.array(self.mating_point))
 
 
-def _details(boxes: OrientedBoxes) -> OrientedBoxes:
-    """Return small boxes that protrude by half from the faces of the bus."""
+def _details(boxes: OrientedBoxes) -> tuple[FloatArray, FloatArray]:
+    """Return centres and half sizes of small boxes that protrude by half from the faces of the bus, shape (n, 3)."""
     streams = Streams(0, np.arange(_DETAILS), np.zeros(_DETAILS, np.int64))
     where = streams.uniform("target.detail.where", 3) * 2.0 - 1.0
     size = _DETAIL_SIZE * (0.3 + 0.7 * streams.uniform("target.detail.size", 3))
     face = (streams.uniform("target.detail.face")[:, 0] * 6).astype(np.int64)
     axis, side = face % 3, np.where(face < 3, -1.0, 1.0)
     where[np.arange(_DETAILS), axis] = side
-    return aligned_boxes(boxes.centre[0] + where * boxes.half_size[0], size)
+    return boxes.centre[0] + where * boxes.half_size[0], size

@@ -6,21 +6,14 @@ import os
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.errors import ConfigError, MissingLibraryError
+from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.boxes import aligned_boxes
-from safe_inspect.rendezvous.target.model import (
-    InertiaMatrix,
-    Point,
-    Target,
-    TargetModel,
-    TriangleMesh,
-    checked_inertia,
-)
+from safe_inspect.rendezvous.target.model import InertiaMatrix, Point, Target, TargetModel, TriangleMesh
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Field type for the name of a file that a plugin reads; `experiment.load_rendezvous` makes such names absolute.
@@ -38,10 +31,9 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
         ConfigError: The file cannot be read, or its surface is not closed.
     """
     name = os.fspath(path)
+    trimesh = require("trimesh")
     try:
-        mesh = require("trimesh").load(name, force="mesh")
-    except MissingLibraryError:
-        raise
+        mesh = trimesh.load(name, force="mesh")
     except Exception as error:  # The errors of trimesh depend on the format.
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(f"{name}: the mesh cannot be read ({reason}); give an STL, PLY or OBJ file") from None
@@ -70,8 +62,6 @@ class MeshTarget(TargetModel):
     inertia: InertiaMatrix | None = None
     mating_point: Point = (0.0, 0.0, 0.5)
     boxes: int = Field(default=12, ge=1)
-
-    _check_inertia = field_validator("inertia")(checked_inertia)
 
     def __call__(self) -> Target:
         """Return the target, moved so that its centre of mass is the origin.

@@ -6,10 +6,10 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import field_validator, model_validator
+from pydantic import AfterValidator, field_validator, model_validator
 
 from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.quaternion import normalise
@@ -20,11 +20,18 @@ from safe_inspect.rendezvous.poses import check_unit
 from safe_inspect.types import FloatArray, IntArray
 from safe_inspect.units import Length, NonNegativeAngularRate, quantity
 
+
+def _checked_inertia(inertia: InertiaMatrix) -> InertiaMatrix:
+    """Return an inertia after checking that it is that of a rigid body."""
+    principal_axes(np.array(inertia))
+    return inertia
+
+
 _Moment = quantity("kg m^2")
 _Row = tuple[_Moment, _Moment, _Moment]  # type: ignore[valid-type]
 #: Field types of a point [m] and of an inertia [kg m^2] in a configuration.
 Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
-InertiaMatrix = tuple[_Row, _Row, _Row]
+InertiaMatrix = Annotated[tuple[_Row, _Row, _Row], AfterValidator(_checked_inertia)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +103,6 @@ class TargetModel(Plugin):
     @abstractmethod
     def __call__(self) -> Target:
         """Return the target."""
-
-
-def checked_inertia(inertia: InertiaMatrix | None) -> InertiaMatrix | None:
-    """Return an inertia after checking that it is that of a rigid body."""
-    if inertia is not None:
-        principal_axes(np.array(inertia))
-    return inertia
 
 
 class Tumble(Plugin):

@@ -17,7 +17,7 @@ from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, skew
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
-from safe_inspect.testing.estimation import edges_of, watched_poses
+from safe_inspect.testing.rendezvous import watched_poses
 from safe_inspect.types import FloatArray
 
 _TARGET = EnvisatTarget()()
@@ -49,6 +49,13 @@ def _noisy(poses: list[FloatArray], seed: int, skips: int = 1) -> list[Edge]:
             error = sigmas * draws.normal("edge", 6, 10 * j + j - i)[0]
             edges.append(Edge(i, j, perturbed(inverse(poses[i]) @ poses[j], error), np.diag(sigmas**2), 1.0))
     return edges
+
+
+def edges_of(poses: list[FloatArray], *, model: bool) -> list[Edge]:
+    """Return exact edges between consecutive poses and, if `model`, to the model."""
+    covariance = 1e-6 * np.eye(6)
+    edges = [Edge(k - 1, k, inverse(poses[k - 1]) @ poses[k], covariance, 1.0) for k in range(1, len(poses))]
+    return edges + [Edge(MODEL, k, T_MB, covariance, 1.0, "model") for k, T_MB in enumerate(poses) if model]
 
 
 @pytest.mark.parametrize("model", [False, True])

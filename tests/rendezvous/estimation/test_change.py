@@ -15,7 +15,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
+from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.scenario import checked_target
 from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context

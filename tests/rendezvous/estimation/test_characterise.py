@@ -9,8 +9,8 @@ from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, m
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.fit import FitOptions, Motion, fit_motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL
 from safe_inspect.types import FloatArray
 
@@ -76,7 +76,7 @@ def test_the_polhode_gives_axes_and_ratios_of_exact_rates(inertia: list[float], 
 @pytest.mark.parametrize("direction", [[0.7, 0.5, 0.5], [0.2, 0.4, 0.9]])
 def test_exact_edges_are_fitted_exactly(direction: list[float]) -> None:
     times, q, w, q_GT = _tumbling(_INERTIA, direction)  # noqa: N806
-    found = _CHARACTERISER.characterise(_history(times, q, q_GT), KnownBody())
+    found = _CHARACTERISER(_history(times, q, q_GT), KnownBody())
     assert found is not None
     assert found.observable
     assert np.rad2deg(_axes_error(found.q_GT, q_GT)) < 0.01
@@ -94,7 +94,7 @@ def test_poses_to_the_model_tell_the_directions_of_the_axes() -> None:
     covariance = np.tile(np.eye(3) * 1e-8, (len(first), 1, 1))
     with_model = History(times, history.chaser, history.glued, first, second, rotation, covariance)
     q_GM = multiply(q_GT, conjugate(q_MT))  # noqa: N806
-    found = _CHARACTERISER.characterise(with_model, KnownBody(q_MT=q_MT), model=q_GM)
+    found = _CHARACTERISER(with_model, KnownBody(q_MT=q_MT), model=q_GM)
     assert found is not None
     assert found.aligned
     assert np.linalg.norm(log(multiply(conjugate(q[-1]), found.orientation))) < 1e-6
@@ -118,7 +118,7 @@ def test_what_the_motion_does_not_show_is_said(inertia: list[float], direction: 
     sigma = np.deg2rad(0.2)
     j = np.array(inertia)
     times, q, w, q_GT = _tumbling(j, direction, seed=1, seconds=80)  # noqa: N806
-    found = _CHARACTERISER.characterise(_history(times, q, q_GT, sigma, skips=1), KnownBody(j[:2]))
+    found = _CHARACTERISER(_history(times, q, q_GT, sigma, skips=1), KnownBody(j[:2]))
     assert found is not None
     assert not found.observable
     ahead = found.predict(times[-1] + np.array([0.0, 60.0]))[0]
@@ -183,7 +183,7 @@ def test_the_covariance_of_the_fit_is_consistent(direction: list[float]) -> None
     for seed in range(16):
         history = _history(times, q, q_GT, sigma, seed, skips=1)
         start = Motion(0.0, q[0], w[0], logits_of(_INERTIA[:2]))
-        estimate = _CHARACTERISER.characterise(history, KnownBody(), before=start)
+        estimate = _CHARACTERISER(history, KnownBody(), before=start)
         assert estimate is not None
         found.append(_squared_error(estimate, q[-1], w[-1]))
     # The mean of 16 squares with 6 degrees of freedom each: 99.8 % are between 3.6 and 9.1.

@@ -13,9 +13,9 @@ import pytest
 from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.rendezvous.estimation import pipeline as module
 from safe_inspect.rendezvous.estimation.change import motion_of
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
-from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, PipelineParts
-from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.estimation.characteriser import KnownBody
+from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
+from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose, rotation_log
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
@@ -56,6 +56,11 @@ def relative(time: float, known: TargetEstimate) -> np.ndarray:
     return inverse(glued(time, known)) @ chaser(time)
 
 
+def shape(radius: float) -> Any:
+    """Return a known target, as far as the pipeline reads it."""
+    return SimpleNamespace(swept_radius=radius, principal=np.array([0.5, 0.8, 1.0]), R_MT=np.eye(3))
+
+
 class Graph:
     """A back end that knows the truth, at a frame a second; frame 0 is at time 0."""
 
@@ -64,7 +69,7 @@ class Graph:
         self.calls: list[Any] = []
         record = lambda name: lambda *given: self.calls.append((name, *given))  # noqa: E731
         self.imu = SimpleNamespace(
-            rotation="turned", add=record("add"), coast=record("coast"), correct=record("correct")
+            period=0.1, rotation="turned", add=record("add"), coast=record("coast"), correct=record("correct")
         )
         self.model: Any = T_GM
 
@@ -121,9 +126,13 @@ class Flight:
         self.graph, self.edges, self.predicted = Graph(motion()), edges, list[Any]()
         self.found: Callable[..., Any] = lambda *given: None
         self.fits, self.priors = list[Any](), list[Any]()
-        step: Any = SimpleNamespace(step=self._step)
-        parts = PipelineParts(step, self._back_end, self._fit, target, T_BC, ImuNoise(), 0.1)  # type: ignore[arg-type]
-        self.pipeline = EstimationPipeline(parts, START)
+        self.target = target
+        self._pipeline: EstimationPipeline | None = None
+
+    @property
+    def pipeline(self) -> EstimationPipeline:
+        assert self._pipeline is not None, "it begins with the first frame"
+        return self._pipeline
 
     def _back_end(self, _: Any, *given: Any) -> Any:
         self.priors.append(given)
@@ -139,22 +148,21 @@ class Flight:
 
     def see(self, *times: float) -> EstimationPipeline:
         for time in times:
-            self.pipeline.see(frame(time))
+            self.show(frame(time))
         return self.pipeline
 
+    def show(self, shown: DepthFrame) -> None:
+        if self._pipeline is not None:
+            self._pipeline.see(shown)
+            return
+        step: Any = SimpleNamespace(step=self._step)
+        context: Any = SimpleNamespace(target=self.target, T_BC=T_BC)
+        unit: Any = SimpleNamespace(noise=ImuNoise())
+        made: Any = (step, self._back_end, self._fit, context, unit, START, shown)
+        self._pipeline = EstimationPipeline(*made)
 
-def test_before_the_first_frame_the_chaser_is_at_its_start() -> None:
-    flight = Flight()
-    found, velocity, rate = flight.pipeline.now()
-    np.testing.assert_array_equal(found, START.pose)
-    np.testing.assert_array_equal([velocity, rate], [START.velocity, np.zeros(3)])
-    flight.pipeline.measure(np.ones(3), np.ones(3), 0.1)
-    flight.pipeline.coast(0.1)
-    flight.pipeline.check_biases([], "expected", 0.1)  # type: ignore[arg-type]
-    assert (flight.graph.calls, flight.pipeline.mismatch) == ([], np.inf)
 
-
-def test_after_it_samples_and_commands_go_to_the_back_end() -> None:
+def test_samples_and_commands_go_to_the_back_end() -> None:
     flight = Flight()
     flight.see(0.0)
     np.testing.assert_array_equal(flight.pipeline.now()[0], chaser(0.0))
@@ -163,33 +171,28 @@ def test_after_it_samples_and_commands_go_to_the_back_end() -> None:
     assert start is START
     assert flight.predicted[0][0] is None
     np.testing.assert_array_equal(flight.predicted[0][1], np.eye(3))
-    checks: list[Any] = []
     jumps = SimpleNamespace(
-        check=lambda *given: checks.append(given) or "jump", interrupt=lambda: checks.append("interrupt"),
-        settle=lambda: checks.append("settle"),
+        check=lambda *given: checks.append(given), settle=lambda: checks.append("settle"),
     )  # fmt: skip
-    flight.pipeline._bias_jumps = jumps  # type: ignore[assignment]
+    checks, flight.pipeline._bias_jumps = list[Any](), jumps  # type: ignore[assignment]
+    expected: Any = SimpleNamespace(mean=np.arange(6.0))
     flight.pipeline.measure("acceleration", "rate", 0.1)  # type: ignore[arg-type]
-    flight.pipeline.coast(0.2, np.arange(6.0))
-    flight.pipeline.coast(0.3)
-    flight.pipeline.check_biases([], "expected", 0.1)  # type: ignore[arg-type]
-    assert flight.graph.calls[0] == ("add", "acceleration", "rate", 0.1)
-    for call, (period, commanded) in zip(
-        flight.graph.calls[1:], ((0.2, np.arange(6.0)), (0.3, np.zeros(6))), strict=True
-    ):
-        assert call[:2] == ("coast", period)
-        np.testing.assert_array_equal(call[2], commanded)
-    assert checks == ["interrupt", "interrupt"]
+    flight.pipeline.move([], expected, 0.2)
+    assert flight.graph.calls.pop(0) == ("add", "acceleration", "rate", 0.1)
+    assert flight.graph.calls == [("coast", 0.2, expected.mean)]
+    assert not checks  # the bias is not known before the second frame
     flight.see(1.0)
     assert flight.predicted[1] == (None, "turned")
-    flight.pipeline.check_biases("samples", "expected", 0.1)  # type: ignore[arg-type]
-    assert checks[2] == "settle"
-    samples, expected, bias, duration = checks[3]
-    assert (samples, expected, bias.tolist(), duration) == ("samples", "expected", [0.0, 1.0, 2.0], 0.1)
-    assert flight.graph.calls[-1] == ("correct", "jump")
-    jumps.check = lambda *given: None
-    flight.pipeline.check_biases([], "expected", 0.1)  # type: ignore[arg-type]
-    assert flight.graph.calls[-1] == ("correct", "jump")
+    samples: Any = [SimpleNamespace(acceleration=k, rate=-k) for k in (1, 2)]
+    flight.graph.calls.clear()
+    flight.pipeline.move(samples, expected, 0.1)
+    assert flight.graph.calls == [("add", 1, -1, 0.1), ("add", 2, -2, 0.1)]
+    assert checks[0] == "settle"
+    given, motion_, bias, duration = checks[1]
+    assert (given, motion_, bias.tolist(), duration) == (samples, expected, [0.0, 1.0, 2.0], 0.1)
+    jumps.check = lambda *given: "jump"
+    flight.pipeline.move(samples[:1], expected, 0.1)
+    assert flight.graph.calls[2:] == [("correct", "jump"), ("add", 1, -1, 0.1)]
 
 
 @pytest.mark.parametrize("time", [2.0, 7.5])
@@ -229,9 +232,9 @@ def test_a_mismatch_is_the_distance_of_what_a_frame_shows_with_its_deviation() -
 
 @pytest.mark.parametrize("known", [True, False])
 def test_the_centre_is_looked_for_where_something_is_seen(known: bool) -> None:
-    target = SimpleNamespace(swept_radius=2.0) if known else None
+    target = shape(2.0) if known else None
     flight = Flight(target=target)
-    flight.pipeline.see(frame(0.0, [[0.5, 0.0, 1.0], [0.1, 0.2, 3.0]]))
+    flight.show(frame(0.0, [[0.5, 0.0, 1.0], [0.1, 0.2, 3.0]]))
     ((_, prior),) = flight.priors
     seen = START.pose @ T_BC @ np.array([0.3, 0.1, 2.0, 1.0])
     np.testing.assert_allclose(prior.position, seen[:3], atol=1e-15)
@@ -255,7 +258,7 @@ def trusted(monkeypatch: pytest.MonkeyPatch, innovations: list[list[float]], coa
     ))  # fmt: skip
     for number in range(len(values)):
         if number in coasts:
-            flight.pipeline.coast(0.1)
+            flight.pipeline.move([], SimpleNamespace(mean=np.zeros(6), sigma=np.ones(2)), 0.1)  # type: ignore[arg-type]
         flight.see(float(number))
     return [call for call in flight.graph.calls if isinstance(call[0], list)][1:], flight.pipeline
 
@@ -269,8 +272,7 @@ def test_a_frame_that_is_off_is_refused_and_two_in_a_row_are_believed(monkeypatc
         ([], False), ([1.0, 9.0], True), ([8.0], False), ([7.0], False), ([], False), ([6.0], True), ([1.0], False),
     ]  # fmt: skip
     assert pipeline._bias_jumps is None
-    pipeline.coast(0.1)
-    pipeline.check_biases([], "expected", 0.1)  # type: ignore[arg-type]
+    pipeline.move([], SimpleNamespace(mean=np.zeros(6)), 0.1)  # type: ignore[arg-type]
 
 
 def test_frames_without_edges_and_after_a_silence_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -309,9 +311,9 @@ def test_a_motion_is_fitted_every_five_seconds_from_fifteen_on() -> None:
     assert not flight.fits
     flight.found = lambda *given: motion(misfit=1.7, recent_misfit=1.7, aligned=True)
     flight.see(15.0)
-    ((history, target, before, model),) = flight.fits
+    ((history, known, before, model),) = flight.fits
     np.testing.assert_array_equal(history.times, np.arange(16.0))
-    assert (target, before) == (None, None)
+    assert (known, before) == (KnownBody(), None)
     np.testing.assert_allclose(to_matrix(model), T_GM[:3, :3], atol=1e-12)
     assert flight.pipeline.target is not None
     flight.see(16.0, 17.0, 18.0, 19.0)
@@ -344,7 +346,7 @@ def fitted(
     known: TargetEstimate | None, changed: bool, found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
     """Return a pipeline after a fit at 40 s, and what it was asked to forget."""
-    flight, forgotten = Flight(target=SimpleNamespace(swept_radius=1.0)), list[Any]()
+    flight, forgotten = Flight(target=shape(1.0)), list[Any]()
     flight.see(*np.arange(0.0, 5.0), 25.0, 39.0)
     pipeline = flight.pipeline
     monkeypatch.setattr(pipeline, "_forget_before", lambda *given: forgotten.append(given))
@@ -368,7 +370,8 @@ def test_what_a_fit_finds_is_believed_as_far_as_it_agrees(monkeypatch: pytest.Mo
     assert (pipeline.target, pipeline.changed, len(fits)) == (good, False, 2)
     first, second = fits
     assert first[2].time == known.time
-    assert second == (first[0], pipeline._parts.target, None, first[3])
+    assert second == (first[0], pipeline._known, None, first[3])
+    np.testing.assert_array_equal(pipeline._known.ratios, [0.5, 0.8])
     pipeline, _, forgotten = fitted(known, True, lambda *given: bad, monkeypatch)
     assert (pipeline.target, pipeline.changed, pipeline._since, forgotten) == (known, True, 35.0, [])
     pipeline, _, forgotten = fitted(known, False, lambda *given: bad, monkeypatch)
@@ -404,17 +407,21 @@ def test_a_motion_is_found_from_two_frames_and_some_time_at_least() -> None:
 
 
 @pytest.mark.parametrize(("aligned", "model", "seen"), [(True, True, True), (False, True, False), (False, False, True)])
-def test_the_newest_attitudes_are_those_of_the_frames_that_are_reached(aligned: bool, model: bool, seen: bool) -> None:
+def test_the_newest_attitudes_are_those_of_the_frames_that_are_reached(
+    aligned: bool, model: bool, seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     flight = Flight()
     flight.graph.model = T_GM if model else None
     flight.graph.unreached = (8,)
-    known = motion()
-    pipeline = flight.see(*np.arange(11.0))
-    times, found = pipeline._newest_attitudes(replace(known, aligned=aligned))
-    expected = np.array([6.0, 7.0, 9.0, 10.0]) if seen else np.empty(0)
-    np.testing.assert_array_equal(times, expected)
-    wanted = known.predict(expected)[0] if seen else np.empty((0, 4))
-    np.testing.assert_allclose(np.abs((found * wanted).sum(axis=1)), np.ones(len(times)), atol=1e-12)
+    pipeline, told = flight.see(*np.arange(11.0)), list[Any]()
+    monkeypatch.setattr(module, "departs", lambda *given: told.append(given) or False)
+    pipeline.target = known = motion(aligned=aligned)
+    pipeline._check_motion(10.0, [edge(10)])
+    assert len(told) == seen
+    for _, times, found, _ in told:
+        np.testing.assert_array_equal(times, [6.0, 7.0, 9.0, 10.0])
+        wanted = known.predict(times)[0]
+        np.testing.assert_allclose(np.abs((found * wanted).sum(axis=1)), np.ones(4), atol=1e-12)
 
 
 def test_a_change_lets_the_newest_frames_say_how_the_target_turns(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,8 +27,7 @@ from safe_inspect.rendezvous.estimation.change import (
 )
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
-from safe_inspect.rendezvous.estimation.history import TargetEstimate
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, TargetEstimate
 from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.poses import perturbed, pose
@@ -36,7 +35,7 @@ from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
-from safe_inspect.testing.estimation import watched_poses
+from safe_inspect.testing.rendezvous import watched_poses
 
 from ..record import check
 

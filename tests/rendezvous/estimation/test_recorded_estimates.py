@@ -22,14 +22,13 @@ from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeC
 from safe_inspect.rendezvous.estimation.factors import BiasJump, ImuBuffer
 from safe_inspect.rendezvous.estimation.fit import Motion, inertia_of, logits_of, ratios_of
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
-from safe_inspect.rendezvous.estimation.history import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart
+from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, History, TargetEstimate
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, perturbed, pose
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
-from safe_inspect.testing.estimation import watched_poses
+from safe_inspect.testing.rendezvous import watched_poses
 from safe_inspect.types import FloatArray
 
 from ..record import check
@@ -152,8 +151,8 @@ def _motions() -> Any:
     characteriser, found = PolhodeCharacteriser(), {}
     for name, sensor, frames in (("model", PoseSensor(), 36), ("odometry", PoseSensor(model=False), 28)):
         history, model = _history(sensor, frames)
-        known = KnownBody(_TARGET.principal[:2] / _TARGET.principal[2], from_matrix(_TARGET.R_MT))
-        first = characteriser.characterise(history, known, model=model if name == "model" else None)
+        known = KnownBody.of(_TARGET)
+        first = characteriser(history, known, model=model if name == "model" else None)
         assert first is not None
         before = Motion(
             first.time,
@@ -164,9 +163,9 @@ def _motions() -> Any:
         plain = PolhodeCharacteriser(span=2.0, window=8.0, telescoping=0.0, memory=0.0, drift=0.0)
         found[name] = [
             _estimate(first),
-            _estimate(characteriser(history, _TARGET, before, model)),
-            _estimate((plain if name == "model" else characteriser)(_between(history, 4.0, 26.0), None, None, None)),
-            _estimate(characteriser(_between(history, 0.0, 6.0), _TARGET, None, None)),
+            _estimate(characteriser(history, known, before, model)),
+            _estimate((plain if name == "model" else characteriser)(_between(history, 4.0, 26.0), KnownBody())),
+            _estimate(characteriser(_between(history, 0.0, 6.0), known)),
             covariance_at(first, 80.0),
         ]
         middle, rates = angular_velocities(*history.in_inertial, 1.0, 6.0)

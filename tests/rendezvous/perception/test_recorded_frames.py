@@ -21,7 +21,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, Prior, _spread_rotations, acquire
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
 from safe_inspect.rendezvous.front_end.submap import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.poses import Edge, inverse, perturbed, pose, rotation_exp
@@ -117,10 +117,10 @@ def _registrations() -> Any:
         cloud, start = cleaning(_shot(truth, number), T_BC), perturbed(truth, _SMALL)
         for coarse, widening in ((False, 1.0), (True, 2.5)):
             for at in (truth, start, perturbed(truth, -4.0 * _SMALL)):
-                one = registration.linearise(cloud, at, widening, coarse=coarse)
+                one, gradient = registration.linearise(cloud, at, widening, coarse=coarse)
                 key = f"{name} {widening:g} {len(found)}"
-                found[key] = [one.hessian, one.gradient, one.score, one.inliers, one.excess]
-        prior = Prior(start, np.diag(np.repeat([30.0, 100.0], 3) ** 2))
+                found[key] = [one.hessian, gradient, one.score, one.inliers, one.excess]
+        prior = np.diag(np.repeat([30.0, 100.0], 3) ** 2)
         fits = registration(cloud, start), registration(cloud, start, prior), registration(
             cloud, perturbed(truth, 9.0 * _SMALL), iterations=2, widening=3.0, coarse=True)  # fmt: skip
         between, covariance = relative(fits[0], fits[1])
@@ -185,7 +185,7 @@ def _submaps() -> Any:
         run.step(_shot(at, k, "clean", 2.6 * k), inverse(truth[0]) @ at if k else None, np.eye(3))
         for k, at in enumerate(truth)
     ]
-    return [_edges(steps), [[number, at, points] for number, at, points in run.keyframes]]
+    return [_edges(steps), [[one.number, one.pose, one.cloud.points] for one in run.keyframes]]
 
 
 def _loops() -> Any:

@@ -38,7 +38,7 @@ def test_odometry_keyframes_and_skip_edges(streams: Streams, shoot: Shoot) -> No
     kinds = {edge.kind for step in edges for edge in step}
     assert kinds == {"odometry", "skip"}
     assert np.median([_degrees(edge, truth) for step in edges for edge in step]) < 1.5
-    numbers = [number for number, _, _ in run.keyframes]
+    numbers = [one.number for one in run.keyframes]
     assert numbers[0] == 0
     assert 3 <= len(numbers) <= 8
 
