@@ -26,7 +26,7 @@ from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.control.bound import Bound, conformal_bound  # noqa: E402
-from safe_inspect.rendezvous.control.design import TubeDesign, design_tube  # noqa: E402
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube  # noqa: E402
 from safe_inspect.rendezvous.control.mpc import TubeMPC  # noqa: E402
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import AxisStatus, LQRTrackerRun, TrackerOutput  # noqa: E402
@@ -155,8 +155,8 @@ def main() -> None:
     began = time.perf_counter()
     for seed in range(arguments.plans):
         plan = straight_plan(generator)
-        bound = bound_of(plan, seed)
-        design = design_tube(plan, bound, AXIS, LIMITS)
+        bound, far = bound_of(plan, seed), np.full(len(plan.times), np.inf)
+        design = design_tube(DesignRequest(plan, bound, far, AXIS, LIMITS, force_error=3e-3), reserve=0.03)
         if not design.accepted:
             refused += 1
             print(design.refusal)

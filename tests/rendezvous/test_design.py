@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import Bound, conformal_bound
-from safe_inspect.rendezvous.control.design import DesignOptions, TubeDesign, design_tube
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube
 from safe_inspect.rendezvous.control.mpc import TubeMPC
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import AxisStatus
@@ -19,6 +19,7 @@ from safe_inspect.rendezvous.estimate import EstimateErrors
 
 AXIS = Axis(9.583788668)
 LIMITS = TrackingLimits(keep_in=(2.0, 3.0, 2.0))
+RESERVE = 0.03
 ERRORS = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07))
 
 
@@ -33,9 +34,14 @@ def bound(samples) -> Bound:
     return conformal_bound(samples[:300])
 
 
+def designed(plan, bound, limits: TrackingLimits = LIMITS) -> TubeDesign:
+    far = np.full(len(plan.times), np.inf)
+    return design_tube(DesignRequest(plan, bound, far, AXIS, limits, force_error=3e-3), reserve=RESERVE)
+
+
 @pytest.fixture(scope="module")
 def design(plan, bound) -> TubeDesign:
-    return design_tube(plan, bound, AXIS, LIMITS)
+    return designed(plan, bound)
 
 
 def test_an_accepted_design_keeps_its_reserves(plan, bound, design):
@@ -43,7 +49,7 @@ def test_an_accepted_design_keeps_its_reserves(plan, bound, design):
     assert design.refusal == ""
     force = np.abs(AXIS.feed_forward(plan.velocity)).max(axis=1) + bound.force + design.tube.force
     np.testing.assert_allclose(force + design.force_reserve, LIMITS.force, rtol=1e-12)
-    assert design.force_reserve.min() >= DesignOptions().reserve
+    assert design.force_reserve.min() >= RESERVE
     assert design.state_reserve.min() >= 0.0
     np.testing.assert_allclose(design.margin, np.sqrt(3.0) * design.tube.clearance + 0.02)
 
@@ -78,7 +84,7 @@ def test_flights_with_drawn_errors_stay_in_the_tube(plan, bound, samples, design
 
 def test_too_large_errors_are_refused_with_remedies(plan, bound):
     worse = dataclasses.replace(bound, position=10.0 * bound.position, velocity=10.0 * bound.velocity)
-    design = design_tube(plan, worse, AXIS, LIMITS)
+    design = designed(plan, worse)
     assert not design.accepted
     for remedy in ("T_u", "K", "Sigma"):
         assert f"({remedy})" in design.refusal
@@ -87,9 +93,9 @@ def test_too_large_errors_are_refused_with_remedies(plan, bound):
 
 def test_a_tube_outside_of_the_box_is_refused(plan, bound):
     limits = TrackingLimits(keep_in=(*np.abs(plan.position).max(axis=0)[:2], 3.0))
-    assert "smaller by" in design_tube(plan, bound, AXIS, limits).refusal
+    assert "smaller by" in designed(plan, bound, limits).refusal
 
 
 def test_a_tube_above_the_speed_limit_is_refused(plan, bound):
     limits = TrackingLimits(speed=float(np.abs(plan.velocity).max()), keep_in=None)
-    assert "lower speed" in design_tube(plan, bound, AXIS, limits).refusal
+    assert "lower speed" in designed(plan, bound, limits).refusal

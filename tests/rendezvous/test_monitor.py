@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.rendezvous.control.bound import Bound
-from safe_inspect.rendezvous.control.design import TubeDesign, design_tube
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube
 from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.reference import reference_problem
@@ -20,7 +20,10 @@ def bound(plan) -> Bound:
 
 @pytest.fixture(scope="module")
 def design(plan, bound) -> TubeDesign:
-    design = design_tube(plan, bound, Axis(9.583788668), TrackingLimits(keep_in=(2.0, 3.0, 2.0)))
+    far = np.full(len(plan.times), np.inf)
+    design = design_tube(
+        DesignRequest(plan, bound, far, Axis(9.583788668), TrackingLimits(keep_in=(2.0, 3.0, 2.0)), 3e-3)
+    )
     assert design.accepted
     return design
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,6 @@ from safe_inspect.types import BoolArray, FloatArray
 
 #: Default number of trials from which the scale of a conformal bound is computed.
 _SCALE_TRIALS = 100
-#: Errors of trials in position, velocity and force, shape (n, K, 3) each.
-Groups = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class Bound:
 
     def covers(self, samples: ErrorSamples) -> BoolArray:
         """Return for each trial whether it is within all bounds at all times and on all axes, shape (n,)."""
-        return np.asarray(_scores(_errors(samples), [self.position, self.velocity, self.force]) <= 1.0)
+        return np.asarray(_scores(samples, (self.position, self.velocity, self.force)) <= 1.0)
 
 
 class ConformalBound(Plugin):
@@ -58,7 +57,7 @@ class ConformalBound(Plugin):
 
     @model_validator(mode="after")
     def _has_trials(self) -> ConformalBound:
-        needed = _least_trials(self.epsilon)
+        needed = math.ceil(1.0 / self.epsilon - 1e-9) - 1
         if self.trials < needed:
             message = f"{self.epsilon:g} needs {needed} trials, and `trials` is {self.trials}; raise one of the two"
             raise misplaced([(("epsilon",), message)])
@@ -73,11 +72,6 @@ class ConformalBound(Plugin):
 def trial_streams(streams: Streams, trials: int) -> Streams:
     """Return random streams with one row for each trial of a mission."""
     return Streams(streams.seed, np.repeat(streams.slot, trials), np.arange(trials))
-
-
-def _least_trials(epsilon: float) -> int:
-    """Return the number of trials that a conformal bound needs for an epsilon, ``1 / epsilon - 1``, rounded up."""
-    return math.ceil(1.0 / epsilon - 1e-9) - 1
 
 
 def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: int = _SCALE_TRIALS) -> Bound:
@@ -101,33 +95,18 @@ def conformal_bound(samples: ErrorSamples, epsilon: float = 0.05, scale_trials: 
     count = len(samples) - scale_trials
     rank = math.ceil((count + 1) * (1.0 - epsilon) - 1e-9)
     scale, rest = samples[:scale_trials], samples[scale_trials:]
-    position, velocity, force = _scaled(_errors(scale), _errors(rest), rank)
-    return Bound(samples.times, position, velocity, force, rank / (count + 1), len(samples))
-
-
-def _errors(samples: ErrorSamples) -> Groups:
-    return samples.position, samples.velocity, samples.force
-
-
-def _scaled(scale: Groups, rest: Groups, rank: int) -> list[FloatArray]:
-    """Return the root mean square errors of some trials, shape (K,) each, multiplied by a score of the others.
-
-    Args:
-        scale: Errors of the trials for the root mean squares, shape (n, K, 3) each.
-        rest: Errors of the trials for the scores.
-        rank: Rank of the used score in ascending order, from 1.
-    """
-    sigmas = [np.sqrt((values * values).mean(axis=(0, 2))) for values in scale]
+    sigmas = [np.sqrt((values * values).mean(axis=(0, 2))) for values in scale.errors]
     score = np.sort(_scores(rest, sigmas))[rank - 1]
     if not np.isfinite(score):
         raise ValueError("conformal bound: an error is zero in all trials of the scale but not in others")
-    return [score * sigma for sigma in sigmas]
+    position, velocity, force = (score * sigma for sigma in sigmas)
+    return Bound(samples.times, position, velocity, force, rank / (count + 1), len(samples))
 
 
-def _scores(groups: Groups, scales: list[FloatArray]) -> FloatArray:
+def _scores(samples: ErrorSamples, scales: Sequence[FloatArray]) -> FloatArray:
     """Return for each trial the largest ratio of error to scale, shape (n,); 0 / 0 counts as 0."""
-    score = np.zeros(len(groups[0]))
-    for values, scale in zip(groups, scales, strict=True):
+    score = np.zeros(len(samples))
+    for values, scale in zip(samples.errors, scales, strict=True):
         error = np.abs(values).max(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(error > 0.0, error / scale, 0.0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,26 +22,9 @@ from safe_inspect.types import FloatArray
 
 #: Change of position [m] and velocity [m/s] per step due to other causes, such as the sampling of the reference.
 _PROCESS = np.array([5e-6, 5e-6])
-
-
-@dataclass(frozen=True)
-class DesignOptions:
-    """Options for the design of a tube.
-
-    Attributes:
-        process_force: Largest force that is not commanded, along each axis [N].
-        reserve: Force that should remain for the nominal feedback [N]: 0.03 N stop 1 cm/s within a horizon of 4 s. With
-            less, a plan is still accepted, but correcting nominal errors may need longer horizons.
-        gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
-        length: Length of the scenario [m].
-        frequencies: Natural frequencies of that grid [rad/s].
-    """
-
-    process_force: float = 3e-3
-    reserve: float = 0.03
-    gains: tuple[FloatArray, ...] | None = None
-    length: float = 1.0
-    frequencies: tuple[float, ...] = FREQUENCIES
+#: Force that should remain for the nominal feedback, of a limit of 0.3 N: 0.03 N stop 1 cm/s within a horizon of 4 s.
+#: With less, a plan is still accepted, but correcting nominal errors may need longer horizons.
+_RESERVE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +50,7 @@ class TubeDesign:
     force_reserve: FloatArray
     state_reserve: FloatArray
     margin: FloatArray
-    refusal: str = field(default="")
+    refusal: str = ""
 
     @property
     def accepted(self) -> bool:
@@ -85,63 +69,6 @@ class TubeDesign:
         return np.asarray(np.maximum(self.margin[low], self.margin[high]))
 
 
-def _axis_bound(axis: Axis, bound: Bound, options: DesignOptions | None = None) -> AxisBound:
-    """Return the disturbance of an axis: the bound of the reference and the force that is not commanded."""
-    options = options or DesignOptions()
-    process = np.abs(axis.B) * options.process_force + _PROCESS
-    return AxisBound(bound.position, bound.velocity, bound.force, process)
-
-
-def design_tube(
-    plan: Plan,
-    bound: Bound,
-    axis: Axis,
-    limits: TrackingLimits | None = None,
-    options: DesignOptions | None = None,
-) -> TubeDesign:
-    """Return the tube with the smallest clearance margin that leaves force for feedback at all times.
-
-    The available force is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the estimated
-    reference may differ from that of the plan by b_F.
-
-    Args:
-        plan: A plan that is sampled at the control period.
-        bound: The error bound of its reference, at the same times.
-        axis: Dynamics of each axis.
-        limits: Limits that tracking must respect.
-        options: Options of the design.
-    """
-    limits, options = limits or TrackingLimits(), options or DesignOptions()
-    disturbance = _axis_bound(axis, bound, options)
-    reference = TrackedReference(plan.position, plan.velocity, plan.tide)
-    planned = np.abs(reference.feed_forward(axis)).max(axis=1)
-    available = limits.force - planned - bound.force
-    tube, reserve = best_tube(axis, disturbance, available, options.gains, options.reserve, options.frequencies)
-    room = TightenedLimits(axis, reference, tube, limits).reserve()[:, :2]
-    refusal = _refusal(plan, tube, reserve, room)
-    return TubeDesign(axis, limits, tube, plan.times, reserve, room, clearance_margin(tube, options.length), refusal)
-
-
-def _refusal(plan: Plan, tube: Tube, reserve: FloatArray, room: FloatArray) -> str:
-    """Return why the plan cannot be tracked; empty if it can."""
-    worst = int(reserve.argmin())
-    if reserve[worst] < 0.0:
-        return (
-            f"tube: feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
-            f"{-reserve[worst]:.3f} N more than the plan leaves: update more often (T_u), allow softer gains (K), "
-            "estimate better (Sigma), or plan a longer approach"
-        )
-    inside, slower = -room.min(axis=0)
-    if inside > 0.0:
-        return f"tube: the tube leaves the keep-in box by {inside:.3f} m: plan in a box that is smaller by this"
-    if slower > 0.0:
-        return (
-            f"tube: the tube exceeds the speed limit by {slower:.3f} m/s: plan with a lower speed, or allow tracking a "
-            "higher one"
-        )
-    return ""
-
-
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
     """Request for the design of a tracker for a plan.
@@ -152,7 +79,7 @@ class DesignRequest:
         clearance: Distance of the chaser's sphere to the target along the plan [m], shape (K,).
         axis: Dynamics of the chaser along one axis.
         limits: Limits that tracking must respect.
-        force_error: Largest error of the force of the actuators [N].
+        force_error: Largest force that is not commanded, such as the error of the actuators, along each axis [N].
         length: Length of the scenario [m].
         gain: Gain of the tube that the plan was made for, shape (2,) or (K, 2); it is used again if the force allows
             it. None to choose the best gain.
@@ -167,6 +94,75 @@ class DesignRequest:
     length: float = 1.0
     gain: FloatArray | None = None
 
+    @property
+    def reference(self) -> TrackedReference:
+        """The path of the plan."""
+        return TrackedReference(self.plan.position, self.plan.velocity, self.plan.tide)
+
+    @property
+    def disturbance(self) -> AxisBound:
+        """The disturbance of an axis: the bound of the reference and the force that is not commanded."""
+        process = np.abs(self.axis.B) * self.force_error + _PROCESS
+        return AxisBound(self.bound.position, self.bound.velocity, self.bound.force, process)
+
+
+def _design(request: DesignRequest, tube: Tube, force_reserve: FloatArray) -> TubeDesign:
+    """Return the design with a tube, without a check."""
+    axis, limits = request.axis, request.limits
+    room = TightenedLimits(axis, request.reference, tube, limits).reserve()[:, :2]
+    margin = clearance_margin(tube, request.length)
+    return TubeDesign(axis, limits, tube, request.plan.times, force_reserve, room, margin)
+
+
+def design_without_tube(request: DesignRequest) -> TubeDesign:
+    """Return a design whose tube has zero width, for trackers without a tube."""
+    plan = request.plan
+    return _design(request, no_tube(len(plan.times)), request.limits.force - np.abs(plan.force).max(axis=1))
+
+
+def design_tube(
+    request: DesignRequest,
+    gains: Iterable[FloatArray] | None = None,
+    reserve: float = 0.0,
+    frequencies: tuple[float, ...] = FREQUENCIES,
+) -> TubeDesign:
+    """Return the tube with the smallest clearance margin that leaves force for feedback at all times.
+
+    The available force is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the estimated
+    reference may differ from that of the plan by b_F.
+
+    Args:
+        request: The plan and the limits.
+        gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
+        reserve: Force that should remain for the nominal feedback [N].
+        frequencies: Natural frequencies of that grid [rad/s].
+    """
+    planned = np.abs(request.reference.feed_forward(request.axis)).max(axis=1)
+    available = request.limits.force - planned - request.bound.force
+    design = _design(request, *best_tube(request.axis, request.disturbance, available, gains, reserve, frequencies))
+    return replace(design, refusal=_refusal(request.plan, design))
+
+
+def _refusal(plan: Plan, design: TubeDesign) -> str:
+    """Return why the plan cannot be tracked; empty if it can."""
+    tube, reserve = design.tube, design.force_reserve
+    worst = int(reserve.argmin())
+    if reserve[worst] < 0.0:
+        return (
+            f"tube: feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
+            f"{-reserve[worst]:.3f} N more than the plan leaves: update more often (T_u), allow softer gains (K), "
+            "estimate better (Sigma), or plan a longer approach"
+        )
+    inside, slower = -design.state_reserve.min(axis=0)
+    if inside > 0.0:
+        return f"tube: the tube leaves the keep-in box by {inside:.3f} m: plan in a box that is smaller by this"
+    if slower > 0.0:
+        return (
+            f"tube: the tube exceeds the speed limit by {slower:.3f} m/s: plan with a lower speed, or allow tracking a "
+            "higher one"
+        )
+    return ""
+
 
 def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] = FREQUENCIES) -> TubeDesign:
     """Return the tube that leaves the most clearance along a plan, or a design that says why there is none.
@@ -180,18 +176,14 @@ def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] =
         request: The plan and the limits.
         frequencies: Natural frequencies of the gains that are tried [rad/s].
     """
-    plan, axis = request.plan, request.axis
-    reserve = 0.03 * (request.limits.force / 0.30)
-    options = DesignOptions(request.force_error, reserve=reserve, length=request.length, frequencies=frequencies)
+    axis, steps = request.axis, len(request.plan.times)
     if request.gain is not None:
-        gain = _resampled(request.gain, len(plan.times))
-        kept = design_tube(plan, request.bound, axis, request.limits, replace(options, gains=(gain,), reserve=0.0))
+        kept = design_tube(request, (_resampled(request.gain, steps),))
         if kept.accepted:
             return kept
-    first = design_tube(plan, request.bound, axis, request.limits, options)
+    first = design_tube(request, None, _RESERVE * (request.limits.force / 0.30), frequencies)
     if not first.accepted or (first.margin <= request.clearance).all():
         return first
-    disturbance = _axis_bound(axis, request.bound, options)
     available = first.force_reserve + first.tube.force
 
     def spare(tube: Tube) -> float:
@@ -199,13 +191,13 @@ def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] =
             return -np.inf
         return float((request.clearance - clearance_margin(tube, request.length)).min())
 
-    constant = [truth_tube(axis, gain, disturbance) for gain in candidate_gains(axis, frequencies)]
-    best = max([*constant, first.tube], key=spare)
+    def best_of(gains: Iterable[FloatArray], other: Tube) -> Tube:
+        return max([*(truth_tube(axis, gain, request.disturbance) for gain in gains), other], key=spare)
+
+    best = best_of(candidate_gains(axis, frequencies), first.tube)
     if best.gain.ndim == 1:
-        stiffer = [truth_tube(axis, gain, disturbance) for gain in stiffening_gains(axis, best.gain, len(plan.times))]
-        best = max([best, *stiffer], key=spare)
-    options = replace(options, gains=(best.gain,), reserve=0.0)
-    return design_tube(plan, request.bound, axis, request.limits, options)
+        best = best_of(stiffening_gains(axis, best.gain, steps), best)
+    return design_tube(request, (best.gain,))
 
 
 def _resampled(gain: FloatArray, steps: int) -> FloatArray:
@@ -214,14 +206,3 @@ def _resampled(gain: FloatArray, steps: int) -> FloatArray:
         return gain
     old, new = np.linspace(0.0, 1.0, len(gain)), np.linspace(0.0, 1.0, steps)
     return np.stack([np.interp(new, old, column) for column in gain.T], axis=1)
-
-
-def design_without_tube(request: DesignRequest) -> TubeDesign:
-    """Return a design whose tube has zero width, for trackers without a tube."""
-    plan, axis, limits = request.plan, request.axis, request.limits
-    tube = no_tube(len(plan.times))
-    reference = TrackedReference(plan.position, plan.velocity, plan.tide)
-    reserve = TightenedLimits(axis, reference, tube, limits).reserve()
-    available = limits.force - np.abs(plan.force).max(axis=1)
-    margin = clearance_margin(tube, request.length)
-    return TubeDesign(axis, limits, tube, plan.times, available, reserve[:, :2], margin)

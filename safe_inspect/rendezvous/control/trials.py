@@ -80,12 +80,17 @@ class ErrorSamples:
     velocity: FloatArray
     force: FloatArray
 
+    @property
+    def errors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The errors of position, velocity and force."""
+        return self.position, self.velocity, self.force
+
     def __len__(self) -> int:
         return len(self.position)
 
     def __getitem__(self, trials: slice | IntArray) -> ErrorSamples:
         """Return some of the trials."""
-        return ErrorSamples(self.times, self.position[trials], self.velocity[trials], self.force[trials])
+        return ErrorSamples(self.times, *(error[trials] for error in self.errors))
 
 
 @dataclass(frozen=True, eq=False)

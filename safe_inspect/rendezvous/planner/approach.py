@@ -138,14 +138,11 @@ def _ranked_problems(query: PlanQuery, count: int, samples: int) -> tuple[list[A
     if len(admissible) < 2:
         return admissible, reason
     cold = [problem.cold() for problem in admissible]
-    points = np.concatenate(
-        [np.einsum("kij,kj->ki", p.R_MW, p.basis.values[0] @ c) for p, c in zip(admissible, cold, strict=True)]
-    )
-    distance = query.boxes.distance(points).reshape(len(admissible), samples)
     price = []
-    for problem, control_points, row in zip(admissible, cold, distance, strict=True):
-        penetration = np.maximum(query.limits.radius + problem.margin - row, 0.0).mean() * problem.basis.duration
-        price.append(problem.cost(control_points) + _PRICE * penetration)
+    for problem, points in zip(admissible, cold, strict=True):
+        in_model = np.einsum("kij,kj->ki", problem.R_MW, problem.basis.values[0] @ points)
+        lacking = np.maximum(query.limits.radius + problem.margin - query.boxes.distance(in_model), 0.0)
+        price.append(problem.cost(points) + _PRICE * (lacking.mean() * problem.basis.duration))
     return [admissible[i] for i in np.argsort(price, kind="stable")], reason
 
 
@@ -193,56 +190,36 @@ class SplineSCPPlanner(ApproachPlanner):
         problems, wrong = _ranked_problems(query, self.control_points, self.samples)
         if not problems:
             return _without(PlanStatus.TERMINAL_INFEASIBLE, query, wrong, began)
-        best: Plan | None = None
-        for cold in [True] if self.multi_start else [True, False]:
-            for problem in problems[:_TRIED]:
-                starts = [problem.cold()] if cold else []
-                if self.multi_start or not cold:
-                    starts += _bent_starts(problem)
-                for start in starts:
-                    best = _better(best, self._plan_from(problem, start))
-            assert best is not None, "each problem must have a start"
-            if best.solved:
-                break
-        assert best is not None, "each problem must have a start"
-        return replace(best, report=replace(best.report, seconds=time.perf_counter() - began))
+        starts = [(problem, problem.cold()) for problem in problems[:_TRIED]]
+        plans = [self._plan_from(*start) for start in starts]
+        if self.multi_start or not any(plan.solved for plan in plans):
+            plans += [self._plan_from(one, bent) for one, cold in starts for bent in _bent_starts(one, cold)]
+        best = min(plans, key=lambda plan: plan.report.cost if plan.solved else np.inf)
+        iterations, seconds = sum(plan.report.iterations for plan in plans), time.perf_counter() - began
+        return replace(best, report=replace(best.report, iterations=iterations, starts=len(plans), seconds=seconds))
 
     def _plan_from(self, problem: ApproachProblem, start: FloatArray) -> Plan:
         """Return the plan from one start; if its clearance cannot be certified, the samples are doubled once."""
         query, wait, duration = problem.query, problem.wait, problem.basis.duration
-        iterations = 0
+        report = PlanReport(starts=1)
         for samples in (self.samples, 2 * self.samples - 1):
             if samples != self.samples:
                 problem = approach_problem(query, wait, duration, self.control_points, samples)
             result = optimise_scp(problem, start)
-            iterations += result.iterations
-            report = PlanReport(cost=result.cost, iterations=iterations, starts=1, violation=result.violation)
+            start, iterations = result.points, report.iterations + result.iterations
+            report = replace(report, cost=result.cost, iterations=iterations, violation=result.violation)
             if not result.feasible:
                 message = f"a constraint is violated by {result.violation:.2g} m"
                 if not np.isfinite(result.violation):
                     message = "no spline of this duration satisfies the limits of speed, force and keep-in box"
-                return Plan(
-                    PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=replace(report, message=message)
-                )
-            path = SplinePath(problem.basis, result.points)
+                report = replace(report, message=message)
+                return Plan(PlanStatus.NOT_CONVERGED, query.t0 + wait, duration, report=report)
+            path = SplinePath(problem.basis, start)
             proof = certify(query, path, wait)
             if proof.certified:
-                report = replace(report, clearance=proof.clearance)
-                return sampled_plan(query, path, wait, report)
-            start = result.points
+                return sampled_plan(query, path, wait, replace(report, clearance=proof.clearance))
         message = f"the clearance is {proof.clearance:.3f} m below radius and margin {proof.time:.1f} s after the start"
         return Plan(PlanStatus.NOT_CERTIFIED, query.t0 + wait, duration, report=replace(report, message=message))
-
-
-def _better(best: Plan | None, other: Plan) -> Plan:
-    """Return the better of two plans, with the iterations and starts of both."""
-    if best is None:
-        return other
-    wins = other.solved and (not best.solved or other.report.cost < best.report.cost)
-    chosen = other if wins else best
-    iterations = best.report.iterations + other.report.iterations
-    starts = best.report.starts + other.report.starts
-    return replace(chosen, report=replace(chosen.report, iterations=iterations, starts=starts))
 
 
 def _without(status: PlanStatus, query: PlanQuery, message: str, began: float) -> Plan:
@@ -250,9 +227,8 @@ def _without(status: PlanStatus, query: PlanQuery, message: str, began: float) -
     return Plan(status, query.t0, query.durations[0], report=PlanReport(message=message, seconds=seconds))
 
 
-def _bent_starts(problem: ApproachProblem) -> list[FloatArray]:
-    """Return the cheapest splines bent by 0.5 m sin(pi s) to four sides of the chord, shape (n, 3) each."""
-    cold = problem.cold()
+def _bent_starts(problem: ApproachProblem, cold: FloatArray) -> list[FloatArray]:
+    """Return the cheapest spline bent by 0.5 m sin(pi s) to four sides of the chord, shape (n, 3) each."""
     chord = problem.end[0] - problem.start[0]
     chord = chord / max(float(np.linalg.norm(chord)), 1e-9)
     side = np.cross(chord, np.eye(3)[np.abs(chord).argmin()])

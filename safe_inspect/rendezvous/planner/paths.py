@@ -164,13 +164,6 @@ class SplineBasis:
         result[free] = np.linalg.solve(self.gram[free, free], -(self.gram @ rest)[free])
         return result
 
-    def at(self, points: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return value, first and second derivative at times [s], shape (K, 3) each."""
-        from scipy.interpolate import BSpline  # This import is slow.
-
-        spline = BSpline(self.knots, points, DEGREE)
-        return spline(times), spline(times, 1), spline(times, 2)
-
 
 @dataclass(frozen=True, eq=False)
 class SplinePath:
@@ -201,7 +194,10 @@ class SplinePath:
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position [m], velocity [m/s] and acceleration [m/s^2] at times since the start [s], (K, 3) each."""
-        return self.basis.at(self.points, times)
+        from scipy.interpolate import BSpline  # This import is slow.
+
+        spline = BSpline(self.basis.knots, self.points, DEGREE)
+        return spline(times), spline(times, 1), spline(times, 2)
 
 
 @functools.lru_cache(maxsize=8)
@@ -215,16 +211,13 @@ def _unit_basis(count: int, samples: int) -> SplineBasis:
     times = np.linspace(0.0, 1.0, samples)
     first = _difference(knots, DEGREE, count)
     second = _difference(knots[1:-1], DEGREE - 1, count - 1) @ first
-    nodes, weights = _gauss(spans, 4)  # Exact for products of cubics.
+    # Gauss-Legendre quadrature of each span, which is exact for products of cubics.
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    nodes = ((np.arange(spans)[:, None] + 0.5 * (nodes + 1.0)) / spans).ravel()
+    weights = np.tile(0.5 * weights / spans, spans)
     bend = basis(nodes, 2)
     gram = bend.T @ (bend * weights[:, None])
     return SplineBasis(1.0, np.stack([basis(times, k) for k in range(3)]), first, second, gram, knots)
-
-
-def _gauss(spans: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of Gauss-Legendre quadrature for equal spans of [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return ((np.arange(spans)[:, None] + 0.5 * (nodes + 1.0)) / spans).ravel(), np.tile(0.5 * weights / spans, spans)
 
 
 def _difference(knots: FloatArray, degree: int, count: int) -> FloatArray:

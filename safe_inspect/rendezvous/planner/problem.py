@@ -156,29 +156,19 @@ def approach_problems(
 ) -> list[ApproachProblem]:
     """Return the problems of several waits, with the target's motion computed together; see `approach_problem`."""
     basis = spline_basis(count, samples, float(duration))
-    times = (np.asarray(waits)[:, None] + basis.times).ravel()
-    q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], times)
-    q, w = q.reshape(len(waits), samples, 4), w.reshape(len(waits), samples, 3)
-    return [_with_motion(query, wait, basis, q[i], w[i, -1]) for i, wait in enumerate(waits)]
-
-
-def _with_motion(
-    query: PlanQuery, wait: float, basis: SplineBasis, q: FloatArray, w_end: FloatArray
-) -> ApproachProblem:
+    times = np.asarray(waits)[:, None] + basis.times
+    motion = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], times.ravel())
+    orientation, rate = (value.reshape(*times.shape, -1) for value in motion)
     start = np.stack((query.state[:3], query.state[3:], np.zeros(3)))
-    end = mating_state(query, q[-1], w_end)
-    times, direction = basis.times, query.mating_point / np.linalg.norm(query.mating_point)
-    return ApproachProblem(
-        query=query,
-        wait=wait,
-        basis=basis,
-        ends=basis.ends(start, end),
-        start=start,
-        end=end,
-        R_MW=query.R_MT @ np.swapaxes(to_matrix(q), -1, -2),
-        mating_direction=rotate(q, np.broadcast_to(direction, (len(q), 3))),
-        margin=np.asarray(query.margin(times), dtype=np.float64),
-    )
+    direction = np.broadcast_to(query.mating_point / np.linalg.norm(query.mating_point), (samples, 3))
+    margin = np.asarray(query.margin(basis.times), dtype=np.float64)
+    problems = []
+    for wait, q, w in zip(waits, orientation, rate, strict=True):
+        end = mating_state(query, q[-1], w[-1])
+        to_model = query.R_MT @ np.swapaxes(to_matrix(q), -1, -2)
+        ends, toward = basis.ends(start, end), rotate(q, direction)
+        problems.append(ApproachProblem(query, wait, basis, ends, start, end, to_model, toward, margin))
+    return problems
 
 
 def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.planner.constraints import ConstraintRows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import FloatArray
 
 #: Largest number of iterations.
 ITERATIONS = 25
@@ -158,6 +158,8 @@ def _step(
     weight: float,
 ) -> tuple[FloatArray | None, float, float]:
     """Return the solution of the convex subproblem, its modelled cost and the sum of its slacks; None if unsolved."""
+    from scipy.sparse import csc_matrix, hstack  # This import is slow.
+
     basis = problem.basis
     free, values = basis.free, basis.values[:, :, basis.free]
     current, size = points[free], 3 * (basis.gram.shape[0] - 6)
@@ -169,16 +171,13 @@ def _step(
     used, slack = np.unique(rows.group[active], return_inverse=True)
     hull = np.kron(linear.rows, np.eye(3))
     shift = linear.rows @ current
-    curvature = problem.hessian
-    slope = curvature @ points
-    columns = np.asarray(np.concatenate((hull, row)).T, dtype=np.float64)
-    ones = len(hull) + np.argsort(slack, kind="stable")
-    matrix = _with_slacks(columns, columns.shape[1], ones, np.bincount(slack, minlength=len(used)))
-    dense = np.zeros((size, size))
-    for axis in range(3):
-        dense[axis::3, axis::3] = curvature[free, free]
-    none = np.zeros(0, dtype=np.int64)
-    hessian = _with_slacks(dense, size + len(used), none, np.zeros(len(used), dtype=np.int64))
+    slope = problem.hessian @ points
+    dense = np.kron(problem.hessian[free, free], np.eye(3))
+    hessian = csc_matrix(dense.T)
+    hessian.resize((size + len(used), size + len(used)))
+    ones = (np.ones(len(row)), (len(hull) + np.arange(len(row)), slack))
+    groups = csc_matrix(ones, shape=(len(hull) + len(row), len(used)))
+    matrix = hstack((csc_matrix(np.concatenate((hull, row))), groups), format="csc")
     solved = _solve(
         hessian,
         np.concatenate((slope[free].ravel(), np.full(len(used), weight))),
@@ -198,25 +197,6 @@ def _step(
     candidate[free] += change.reshape(-1, 3)
     cost = problem.cost(points) + float(slope[free].ravel() @ change + 0.5 * change @ dense @ change)
     return candidate, cost, float(np.maximum(solved[size:], 0.0).sum())
-
-
-def _with_slacks(columns: FloatArray, height: int, rows: IntArray, counts: IntArray) -> Any:
-    """Return a sparse matrix of given columns, followed by columns of ones and zeros.
-
-    Args:
-        columns: The given columns, as rows of this dense array, shape (n, m).
-        height: Number of rows of the result, at least m.
-        rows: Row indices of the ones, column by column.
-        counts: Number of ones in each of the further columns, shape (k,).
-    """
-    from scipy.sparse import csc_matrix  # This import is slow.
-
-    column, row = np.nonzero(columns)
-    data = np.concatenate((columns[column, row], np.ones(len(rows))))
-    ends = np.cumsum(np.concatenate((np.bincount(column, minlength=len(columns)), counts)))
-    total = columns.shape[0] + len(counts)
-    indices = np.concatenate((row, rows)).astype(np.int32)
-    return csc_matrix((data, indices, np.concatenate(([0], ends)).astype(np.int32)), shape=(height, total))
 
 
 def _solve(

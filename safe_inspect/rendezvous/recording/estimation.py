@@ -93,6 +93,7 @@ class _Recorder:
         return edges
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # type: ignore[untyped-decorator]
 def estimate_log(
     log_: SensorLog,
     estimator: PipelineEstimator,
@@ -110,13 +111,6 @@ def estimate_log(
     Raises:
         ConfigError: The motion of the target cannot be determined from the log.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _estimate(log_, estimator, target, progress)
-
-
-def _estimate(
-    log_: SensorLog, estimator: PipelineEstimator, target: Target | None, progress: Callable[[int, int], None] | None
-) -> LogEstimate:
     streams = Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
     camera, T_BC = log_.description.camera.geometry, log_.T_BC  # noqa: N806
     period = float(np.median(np.diff(log_.imu[:, 0]))) if len(log_.imu) > 1 else 1.0

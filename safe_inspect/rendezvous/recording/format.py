@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
 
@@ -32,6 +35,24 @@ DEPTH = "depth"
 _Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _Velocity = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 _Quaternion = tuple[float, float, float, float]
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Iterable[Any]], number: str = ".17g") -> None:
+    """Write a CSV file.
+
+    Args:
+        path: The file.
+        columns: Names of the columns.
+        rows: Texts and numbers; NaN is left empty.
+        number: Format of the numbers, by default with enough digits for every float64.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for row in rows:
+            writer.writerow(
+                [value if isinstance(value, str) else "" if value != value else format(value, number) for value in row]
+            )
 
 
 class CameraDescription(Model):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import csv
+import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,7 +13,6 @@ import numpy as np
 import yaml
 
 from safe_inspect.dynamics.quaternion import from_matrix
-from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.missions.mission import Mission
@@ -31,12 +30,10 @@ from safe_inspect.rendezvous.recording.format import (
     CameraDescription,
     SensorDescription,
     StartDescription,
+    write_table,
 )
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
-
-#: Digits of a number in a CSV file: enough for every float64.
-_NUMBER = ".17g"
 
 
 class SensorLogWriter:
@@ -77,26 +74,13 @@ class SensorLogWriter:
 
     def close(self) -> None:
         """Write the description and the tables."""
-        described = self._description.model_dump(mode="json")
-        text = "# Sensors of this log; lengths in m, times in s, angles in rad.\n" + yaml.safe_dump(
-            described, sort_keys=False
-        )
+        described = yaml.safe_dump(self._description.model_dump(mode="json"), sort_keys=False)
+        text = f"# Sensors of this log; lengths in m, times in s, angles in rad.\n{described}"
         (self._folder / DESCRIPTION).write_text(text, encoding="utf-8")
-        _write(self._folder / FRAMES, FRAME_COLUMNS, ((format(time, _NUMBER), name) for time, name in self._frames))
-        _write_numbers(self._folder / IMU_FILES[0], IMU_COLUMNS, self._imu)
+        write_table(self._folder / FRAMES, FRAME_COLUMNS, self._frames)
+        write_table(self._folder / IMU_FILES[0], IMU_COLUMNS, self._imu)
         if self._truth:
-            _write_numbers(self._folder / TRUTH, TRUTH_COLUMNS, self._truth)
-
-
-def _write_numbers(path: Path, columns: Sequence[str], rows: Iterable[FloatArray]) -> None:
-    _write(path, columns, ([format(value, _NUMBER) for value in row] for row in rows))
-
-
-def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
+            write_table(self._folder / TRUTH, TRUTH_COLUMNS, self._truth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,21 +128,18 @@ def watch(config: RendezvousConfig, number: int, seconds: float) -> Iterator[Wat
             samples = []
 
 
-def _describe_watch(config: RendezvousConfig, first: WatchedFrame) -> SensorDescription:
+def _describe_watch(config: RendezvousConfig, start: BodyState) -> SensorDescription:
     """Return the description of the sensors of a simulated observation."""
     camera = config.sensors.camera.geometry
     fx, fy, cx, cy = camera.intrinsics
-    start = first.chaser
+    at_start = {name: tuple(getattr(start, name).tolist()) for name in StartDescription.model_fields}
     return SensorDescription(
         camera=CameraDescription(
-            width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy,
-            least_range=camera.least_range, largest_range=camera.largest_range,
-            position=config.chaser.camera_position, orientation=_tuple(from_matrix(R_BC)),
+            width=camera.width, height=camera.height, fx=fx, fy=fy, cx=cx, cy=cy, least_range=camera.least_range,
+            largest_range=camera.largest_range, position=config.chaser.camera_position,
         ),
         imu=config.sensors.imu,
-        start=StartDescription(
-            position=_tuple(start.position), velocity=_tuple(start.velocity), orientation=_tuple(start.orientation)
-        ),
+        start=StartDescription(**at_start),
     )  # fmt: skip
 
 
@@ -180,27 +161,17 @@ def record_watch(
         images: Format of the depth frames.
         progress: Called after each frame with the number of frames that are done and the number of all frames.
     """
-    count, wanted = 0, int(seconds / config.sensors.frame_period + 1e-9) + 1
-    writer: SensorLogWriter | None = None
-    for seen in watch(config, number, seconds):
-        if writer is None:
-            writer = SensorLogWriter(folder, _describe_watch(config, seen), images)
+    wanted = int(seconds / config.sensors.frame_period + 1e-9) + 1
+    frames = watch(config, number, seconds)
+    first = next(frames)
+    writer = SensorLogWriter(folder, _describe_watch(config, first.chaser), images)
+    for count, seen in enumerate(itertools.chain([first], frames), 1):
         writer.add_imu(seen.imu)
         writer.add_frame(seen.frame.time, seen.frame.depth)
-        writer.add_truth(_truth(seen))
-        count += 1
+        position, orientation = seen.T_MB[:3, 3], from_matrix(seen.T_MB[:3, :3])
+        target = (seen.target.orientation, seen.target.angular_velocity)
+        writer.add_truth(np.concatenate([[seen.frame.time], position, orientation, *target]))
         if progress is not None:
             progress(count, wanted)
-    assert writer is not None, "an observation must start with a frame"
     writer.close()
     return count
-
-
-def _truth(seen: WatchedFrame) -> FloatArray:
-    position, orientation = seen.T_MB[:3, 3], from_matrix(seen.T_MB[:3, :3])
-    target = (seen.target.orientation, seen.target.angular_velocity)
-    return np.concatenate([[seen.frame.time], position, orientation, *target])
-
-
-def _tuple(values: FloatArray) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -14,7 +13,7 @@ from safe_inspect.rendezvous.estimation.states import largest_sigma
 from safe_inspect.rendezvous.missions.record import json_value
 from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
-from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS, write_table
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
@@ -74,12 +73,7 @@ def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
     """Write the summary and the tables into an existing folder."""
     summary = json_value(summary_of(log, estimate))
     (folder / ESTIMATE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    with (folder / ONLINE).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(ONLINE_COLUMNS)
-        writer.writerows(
-            [["" if np.isnan(value) else format(value, ".10g") for value in row] for row in estimate.online]
-        )
+    write_table(folder / ONLINE, ONLINE_COLUMNS, estimate.online, ".10g")
     names = [field.name for field in fields(Edge)]
     columns = {name: np.array([getattr(edge, name) for edge in estimate.edges]) for name in names}
     np.savez_compressed(folder / EDGES, **columns)  # type: ignore[arg-type]

@@ -15,7 +15,6 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeCommand, AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.bound import Bound, ConformalBound
 from safe_inspect.rendezvous.control.design import (
-    DesignOptions,
     DesignRequest,
     TubeDesign,
     design_by_clearance,
@@ -99,7 +98,8 @@ def _design(found: TubeDesign) -> Any:
     }  # fmt: skip
 
 
-def _request(clearance: float = 1.0, **changes: Any) -> DesignRequest:
+def request(clearance: float = 1.0, **changes: Any) -> DesignRequest:
+    """Return a request for the plan whose clearance shrinks from the given one [m] to 60 %."""
     distance = np.linspace(clearance, 0.6 * clearance, len(plan().times))
     return replace(DesignRequest(plan(), bound(), distance, AXIS, TrackingLimits(), 4e-3), **changes)
 
@@ -107,25 +107,25 @@ def _request(clearance: float = 1.0, **changes: Any) -> DesignRequest:
 def _designs() -> Any:
     stiff = np.array([[-2.0, -7.0], [-3.0, -9.0], [-4.0, -10.0]])
     requests = {
-        "wide": _request(),
-        "narrow": _request(0.13, limits=TrackingLimits(force=0.5)),
-        "long": _request(2.0, length=2.0),
-        "gain": _request(gain=np.array([-1.5, -6.0])),
-        "gains": _request(gain=stiff),
-        "gain that is too stiff": _request(gain=np.array([-20.0, -25.0])),
-        "force": _request(limits=TrackingLimits(force=0.09)),
-        "box": _request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
-        "speed": _request(limits=TrackingLimits(speed=0.03)),
-        "no box": _request(limits=TrackingLimits(keep_in=None)),
+        "wide": request(),
+        "narrow": request(0.13, limits=TrackingLimits(force=0.5)),
+        "long": request(2.0, length=2.0),
+        "gain": request(gain=np.array([-1.5, -6.0])),
+        "gains": request(gain=stiff),
+        "gain that is too stiff": request(gain=np.array([-20.0, -25.0])),
+        "force": request(limits=TrackingLimits(force=0.09)),
+        "box": request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
+        "speed": request(limits=TrackingLimits(speed=0.03)),
+        "no box": request(limits=TrackingLimits(keep_in=None)),
     }
     found = {name: _design(design_by_clearance(one, (0.2, 0.35, 0.6, 1.0))) for name, one in requests.items()}
-    found["greedy"] = _design(design_tube(plan(), bound(), AXIS, options=DesignOptions(reserve=5.0, length=2.0)))
-    found["none"] = _design(design_without_tube(_request(length=3.0)))
+    found["greedy"] = _design(design_tube(request(length=2.0, force_error=3e-3), reserve=5.0))
+    found["none"] = _design(design_without_tube(request(length=3.0)))
     return found
 
 
 def _trackers() -> Any:
-    design = design_by_clearance(_request(), (0.35, 0.6))
+    design = design_by_clearance(request(), (0.35, 0.6))
     limits, reference = TrackingLimits(), TrackedReference(plan().position, plan().velocity)
     moved = TrackedReference(plan().position + 0.01, plan().velocity)
     random, found = np.random.default_rng(2), {}
@@ -150,7 +150,7 @@ def _trackers() -> Any:
 
 
 def _problems() -> Any:
-    design = design_by_clearance(_request(), (0.35, 0.6))
+    design = design_by_clearance(request(), (0.35, 0.6))
     endless = np.full(len(plan().times), np.inf)
     wide = replace(bound(), position=endless, velocity=endless)
     at, speed = plan().position, plan().velocity
@@ -220,21 +220,21 @@ def _demands() -> Any:
     found: list[Any] = []
     first, times, position = PlanDemands.first(1.5), np.array([0.0, 10.0, 29.0]), np.array([0.75, -1.5, 0.1])
     requests = (
-        _request(limits=TrackingLimits(force=0.09)), _request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
-        _request(limits=TrackingLimits(speed=0.03)),
+        request(limits=TrackingLimits(force=0.09)), request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
+        request(limits=TrackingLimits(speed=0.03)),
     )  # fmt: skip
     demands = first
-    for request in (*requests, *requests):
-        demands = demands.after(design_by_clearance(request, (0.35, 0.6)))
+    for one in (*requests, *requests):
+        demands = demands.after(design_by_clearance(one, (0.35, 0.6)))
         later, limits = demands.later(5.0), demands.limits(Limits(), position)
         found.append(
             [demands.margin(times), later.margin(times), demands.gain, demands.growth, demands.keep_in, demands.speed,
              demands.force, later.gain, limits.keep_in, limits.speed, limits.planned_force],
         )  # fmt: skip
     free = demands.limits(Limits(keep_in=None), position)
-    untold = demands.after(design_without_tube(_request()))
+    untold = demands.after(design_without_tube(request()))
     return [*found, first.margin(times), free.keep_in, untold.gain, untold.growth, demands.after(
-        design_by_clearance(_request(), (0.35,))).growth]  # fmt: skip
+        design_by_clearance(request(), (0.35,))).growth]  # fmt: skip
 
 
 def _references() -> Any:

@@ -13,7 +13,6 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous import models, plugins
 from safe_inspect.rendezvous.control.bound import ConformalBound
-from safe_inspect.rendezvous.control.design import DesignOptions
 from safe_inspect.rendezvous.control.gains import TrackingWeights
 from safe_inspect.rendezvous.control.tightening import TrackingLimits
 from safe_inspect.rendezvous.control.trials import Updates
@@ -125,7 +124,7 @@ def _options() -> Any:
         "dataclasses": [
             repr(one) for one in (
                 ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingWeights(),
-                TrackingWeights.of_force(0.6), TrackingLimits(), DesignOptions(gains=()), Updates(),
+                TrackingWeights.of_force(0.6), TrackingLimits(), Updates(),
                 EstimateErrors(0.1, 0.2),
             )
         ],

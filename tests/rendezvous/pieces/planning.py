@@ -117,7 +117,7 @@ def _parts_of_plans() -> Any:
             list(proof),
             [[at.wait, at.basis.duration] for at in ranked],
             reason,
-            [start.ravel() for start in _bent_starts(problem)],
+            [start.ravel() for start in _bent_starts(problem, cold)],
             problem.mating_direction,
             problem.margin,
             problem.R_MW,

@@ -18,7 +18,7 @@ from safe_inspect.rendezvous.planner.checks import plan_mistake
 from safe_inspect.rendezvous.planner.paths import SampledPath, spline_basis
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 
-from .control import AXIS, bound, plan, query
+from .control import AXIS, plan, query, request
 
 #: Limits within which the plan keeps far more than is asked for.
 _FREE = replace(query().limits, keep_in=None, speed=9.0, planned_force=9.0)
@@ -100,7 +100,7 @@ def test_what_is_just_allowed_is_taken() -> None:
     query(waits=(0.0,), orientation=np.array([0.0, 0.0, 0.0, 1.0 + 4e-7]))
     spline_basis(8, 20, 10.0)
     SampledPath(np.array([0.0, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)))
-    design_tube(plan(), bound(), replace(AXIS, step=0.2 * (1.0 + 5e-7)))
+    design_tube(request(axis=replace(AXIS, step=0.2 * (1.0 + 5e-7))))
     assert ConformalBound(epsilon=0.1, trials=9).trials == 9
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.planner.paths import spline_basis
+from safe_inspect.rendezvous.planner.paths import SplinePath, spline_basis
 
 
 @pytest.fixture
@@ -18,13 +18,13 @@ def test_the_ends_give_position_velocity_and_acceleration(basis):
     start, end = np.random.default_rng(1).normal(size=(2, 3, 3))
     points = basis.ends(start, end)
     for time, state in ((0.0, start), (60.0, end)):
-        for value, expected in zip(basis.at(points, np.array([time])), state, strict=True):
+        for value, expected in zip(SplinePath(basis, points).at(np.array([time])), state, strict=True):
             assert np.allclose(value[0], expected, atol=1e-12)
     assert (points[basis.free] == 0.0).all()
 
 
 def test_derivatives_lie_in_their_hulls(basis, points):
-    _, velocity, acceleration = basis.at(points, np.linspace(0.0, 60.0, 2001))
+    _, velocity, acceleration = SplinePath(basis, points).at(np.linspace(0.0, 60.0, 2001))
     for values, hull in ((velocity, basis.velocity_hull), (acceleration, basis.acceleration_hull)):
         assert (values <= (hull @ points).max(axis=0) + 1e-12).all()
         assert (values >= (hull @ points).min(axis=0) - 1e-12).all()
@@ -33,13 +33,13 @@ def test_derivatives_lie_in_their_hulls(basis, points):
 
 
 def test_the_samples_are_those_of_the_spline(basis, points):
-    for values, expected in zip(basis.values, basis.at(points, basis.times), strict=True):
+    for values, expected in zip(basis.values, SplinePath(basis, points).at(basis.times), strict=True):
         assert np.allclose(values @ points, expected, atol=1e-12)
 
 
 def test_the_gram_matrix_integrates_squared_accelerations_exactly(basis, points):
     times = np.linspace(0.0, 60.0, 200_001)
-    squares = (basis.at(points, times)[2] ** 2).sum(axis=1)
+    squares = (SplinePath(basis, points).at(times)[2] ** 2).sum(axis=1)
     exact = np.einsum("ia,ij,ja->", points, basis.gram, points)
     assert np.isclose(exact, np.trapezoid(squares, times), rtol=1e-7)
 
