@@ -36,21 +36,20 @@ def main() -> int:
     if any(not equals for _, equals, _ in pairs):
         parser.error("write --evaluation as TITLE=FILE")
 
-    from safe_inspect.experiments.export.shipping import ship
+    from safe_inspect.experiments.export.model_card import CardData
+    from safe_inspect.experiments.export.shipping import read_evaluation, ship
 
     try:
-        shipped = ship(
-            arguments.checkpoint,
+        card = CardData(
             arguments.name,
-            arguments.root,
-            title=arguments.title,
-            command=arguments.command,
-            evaluations={title: file for title, _, file in pairs},
+            arguments.title,
+            arguments.command,
             machine=arguments.machine,
+            evaluations={title: read_evaluation(file) for title, _, file in pairs},
             seeds=arguments.seed_line,
             limits=arguments.limit,
-            replace_old=arguments.force,
         )
+        shipped = ship(arguments.checkpoint, arguments.root, card, replace_old=arguments.force)
     except SafeInspectError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -164,7 +164,7 @@ def test_the_environment_is_that_of_one_agent_or_of_several(monkeypatch: pytest.
 
 
 def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
-    from safe_inspect.experiments.learning.algorithm import _check_names, attribute_names, default_config
+    from safe_inspect.experiments.learning.algorithm import _apply, attribute_names, default_config
 
     config = default_config("APPO")
     names = attribute_names(config)
@@ -174,7 +174,7 @@ def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
         unchecked=("vtrase",), given={"lr", "lambda", "learner", "taste"}, settings={"algorithm": "APPO"}
     )
     with pytest.raises(ConfigError) as caught:
-        _check_names(config, rllib)
+        _apply(config, rllib)
     first, second = caught.value.problems
     assert (first.message, first.path) == ("APPO has no key `vtrase`", "rllib_configs.vtrase")
     assert first.hint == "did you mean `vtrace`?"

@@ -72,7 +72,7 @@ def tuner(monkeypatch: pytest.MonkeyPatch) -> Any:
             return "restored"
 
     monkeypatch.setattr(tune_run.tune, "Tuner", Tuner)
-    monkeypatch.setattr(tune_run, "search_space", lambda configs: ("space", *configs))
+    monkeypatch.setattr(tune_run.tune_objects, "search_space", lambda configs: ("space", *configs))
     for name in ("TUNE_DISABLE_STRICT_METRIC_CHECKING", "TUNE_GLOBAL_CHECKPOINT_S"):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)

@@ -113,10 +113,10 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
 
 
 def test_it_does_not_fly_with_policies_that_learn(run):
+    from safe_inspect.config.spec import PolicySpec
     from safe_inspect.experiments.modules.fresh_policy import check_frozen
-    from safe_inspect.experiments.settings.policies import PolicySettings
 
-    frozen = PolicySettings("old", ("blue0_ctrl",), checkpoint=str(find_newest(run).newest.path))
+    frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run).newest.path))
     with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
         check_frozen({"old": frozen}, [])
 
@@ -136,8 +136,7 @@ def test_the_shipped_file_is_built_with_one_choice():
 
 
 def test_the_environments_of_rllib_take_an_index():
-    from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
-    from safe_inspect.experiments.sampling.training_env import TrainingEnv
+    from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
 
     resolved = load_experiment("safe_inspect/TranslationalInspection-v1").resolved
     flat = TrainingEnv({"experiment": resolved, "flat_actions": True}, 2)

@@ -201,16 +201,16 @@ class TestRefusals:
     def test_a_module_of_another_kind(self, run):
         from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 
-        from safe_inspect.experiments.export.onnx_graph import check_module
+        from safe_inspect.experiments.export.net_layers import layers_of
 
         class Halved(DefaultPPOTorchRLModule):
             def _forward(self, batch, **kwargs):
                 return {name: value / 2 for name, value in super()._forward(batch, **kwargs).items()}
 
         agent = run[0].spec.agents[0]
-        check_module(make_module(agent), "here")
+        layers_of(make_module(agent), "here")
         with pytest.raises(CheckpointError, match=r"here: .*a custom module \(Halved\)"):
-            check_module(make_module(agent, module_class=Halved), "here")
+            layers_of(make_module(agent, module_class=Halved), "here")
 
     @pytest.mark.parametrize(
         ("change", "message"),
@@ -241,14 +241,14 @@ class TestRefusals:
     def test_a_file_that_differs_from_the_checkpoint_is_not_left(self, run, tmp_path, monkeypatch):
         from safe_inspect.experiments.export import export
 
-        def spoilt(module, info, title):
+        def spoilt(net, info, title):
             import torch
 
             with torch.no_grad():
-                module.pi.net.mlp[-1].bias += 1e-4
-            content = build(module, info, title)
+                net.head[-1].bias += 1e-4
+            content = build(net, info, title)
             with torch.no_grad():
-                module.pi.net.mlp[-1].bias -= 1e-4
+                net.head[-1].bias -= 1e-4
             return content
 
         build = export.build_file

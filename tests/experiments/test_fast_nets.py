@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.experiments.learning.ppo_nets import FastAdam, is_plain
 from safe_inspect.experiments.modules.tanh_net import TanhNet, linear_layers, tanh_gradient, tanh_in_place
 
 

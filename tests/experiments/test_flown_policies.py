@@ -13,17 +13,17 @@ import torch
 from random_checkpoint import SHIPPED, TEAM, discrete, experiment_of, make_module, scaled, single_run
 from ray.rllib.core.columns import Columns
 
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.environments.layout import Layout, action_layout, observation_layout
+from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
 from safe_inspect.experiments.modules import fresh_policy, loaded_policy, policy
-from safe_inspect.experiments.modules.distributions import TorchHurdle, distribution_of, distribution_of_module
+from safe_inspect.experiments.modules.distributions import TorchHurdle, distribution_of_module
 from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, check_frozen, frozen_spec
 from safe_inspect.experiments.modules.loaded_policy import LoadedPolicy, load_policy
 from safe_inspect.experiments.modules.policy import TrainedPolicy
 from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
-from safe_inspect.experiments.settings.policies import PolicySettings
 from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 
@@ -254,8 +254,8 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory, continuous: Any) -> Pat
     return single_run(tmp_path_factory.mktemp("frozen") / "run", continuous, seed=4)
 
 
-def frozen_of(checkpoint: Path, *agents: str) -> PolicySettings:
-    return PolicySettings("old", agents, checkpoint=str(checkpoint), source_policy="default_policy")
+def frozen_of(checkpoint: Path, *agents: str) -> PolicySpec:
+    return PolicySpec("old", agents, "", {}, checkpoint=str(checkpoint), source_policy="default_policy")
 
 
 def test_a_frozen_policy_has_the_weights_of_its_checkpoint(checkpoint: Path, continuous: Any) -> None:
@@ -280,7 +280,7 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     agent = continuous.spec.agents[0].name
     groups, others = (TeamEnvironment(one.spec, 1).groups for one in (continuous, levels))
     check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
-    check_frozen({"new": PolicySettings("new", (agent,))}, others)
+    check_frozen({"new": PolicySpec("new", (agent,), "PPO", {})}, others)
     with pytest.raises(CheckpointError, match="action"):
         check_frozen({"old": frozen_of(checkpoint, agent)}, others)
     units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
@@ -410,19 +410,6 @@ def test_a_hurdle_distribution_has_the_density_that_its_draws_have() -> None:
     for call in (kind.rsample, kind.to_deterministic):
         with pytest.raises(NotImplementedError):
             call()
-
-
-def test_each_action_has_its_distribution() -> None:
-    names = ("a", "b", "c")
-    low, high = np.zeros(3), np.ones(3)
-    levels, numbers = distribution_of(Layout(names, low, high, (2, 3, 4))), distribution_of(Layout(names, low, high))
-    assert isinstance(levels, Categorical)
-    assert levels.sizes.tolist() == [2, 3, 4]
-    assert (type(numbers), numbers.inputs) == (Gaussian, 6)
-    coast: Any = SimpleNamespace(durations=(1, 2, 4, 8))
-    lasting = distribution_of(Layout(names, low, high, coast=coast))
-    assert isinstance(lasting, Hurdle)
-    assert (lasting.numbers, lasting.choices) == (2, 4)
 
 
 @pytest.mark.parametrize("rows", [3, LEAST_ROWS + 5])

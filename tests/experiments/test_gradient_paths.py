@@ -48,7 +48,7 @@ def test_shipped_experiments_learn_by_the_quick_path(name):
     assert settings["learner"] == "fast"
     assert not settings.get("grad_clip")
     policies, _, _ = read_policies(experiment.policies.values(), "PPO")
-    for own in [policy.settings for policy in policies.values() if policy.trains] or [{}]:
+    for own in [policy.config for policy in policies.values() if policy.trains] or [{}]:
         model = {**settings["model_config"], **own.get("model_config", {})}
         model.pop("initial_weights", None)  # of the task's observations
         for actions in (None, MultiDiscrete([11, 11, 11])):

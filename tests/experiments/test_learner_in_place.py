@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import logging
-from dataclasses import astuple
 from types import SimpleNamespace
 from typing import Any
 
@@ -126,7 +125,7 @@ def test_the_terms_of_the_loss_are_those_of_the_configuration() -> None:
     order = minibatches(len(batch), 32, 1, True, (5, "default_policy", 1))
     wanted = Terms(clip=0.1, value_clip=0.05, value=0.6, entropy=0.05, divergence=0.3, measured=True)
     found = [training._terms for training in learner._trainings("default_policy", batch, order)]
-    assert [astuple(terms) for terms in found] == [pytest.approx(astuple(wanted))] * 2
+    assert [tuple(terms) for terms in found] == [pytest.approx(tuple(wanted))] * 2
     learner.entropy_coeff_schedulers_per_module["default_policy"].update(500)
     (policy, _) = learner._trainings("default_policy", batch, order)
     assert policy._terms.entropy == pytest.approx(0.03)

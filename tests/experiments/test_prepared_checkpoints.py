@@ -20,7 +20,6 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.files.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
-from safe_inspect.experiments.settings.policies import PolicySettings
 
 MIXED = configs_root() / "multiagent-translational-inspection" / "experiment-mixed.yml"
 
@@ -139,7 +138,7 @@ def open_all(folder):
     wanted = policies[spec.agents[0].name].inputs(observation)
     np.testing.assert_array_equal(trained_policy(checkpoint).inputs(observation), wanted)
     assert not np.array_equal(untrained_policy(checkpoint, 3).inputs(observation), wanted)
-    frozen = frozen_spec(PolicySettings("old", ("blue0_ctrl",), checkpoint=str(checkpoint), source_policy=None)).build()
+    frozen = frozen_spec(PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(checkpoint))).build()
     assert isinstance(frozen, FrozenPolicy)
     model = {"fcnet_hiddens": [32, 32], "fcnet_activation": "tanh", "vf_share_layers": False}
     start = policy_spec({**model, "initial_weights": str(checkpoint)})

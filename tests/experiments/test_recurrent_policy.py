@@ -155,15 +155,15 @@ def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
 def test_layers_of_a_kind_that_no_file_holds():
     import torch
 
-    from safe_inspect.experiments.export.onnx_graph import check_module
+    from safe_inspect.experiments.export.net_layers import layers_of
 
     module = make_module(experiment_of().spec.agents[0], use_lstm=True, lstm_cell_size=8)
-    check_module(module, "here")
+    layers_of(module, "here")
     module.encoder.actor_encoder.lstm = torch.nn.LSTM(32, 8, num_layers=2, batch_first=True)
     with pytest.raises(
         CheckpointError, match="here: the policy has layers other than those of a multilayer perceptron"
     ):
-        check_module(module, "here")
+        layers_of(module, "here")
 
 
 def test_the_documented_step_carries_the_state(exported):

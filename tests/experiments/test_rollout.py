@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from dummy_environment import ONE, TEAM, THREE, DummyTeam
 
+from safe_inspect.random.action_draws import Gaussian
+
 pytestmark = pytest.mark.ray
 
 NOISE = 0.4
@@ -16,6 +18,7 @@ class Net:
 
     def __init__(self, rows, size):
         self.observations = np.zeros((rows, size), np.float32)
+        self.distribution = Gaussian(3)
 
     def __call__(self, explore, step):
         mean = np.repeat(0.3 * (1.0 - self.observations[:, :1]), 3, axis=1)

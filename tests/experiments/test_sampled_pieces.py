@@ -18,10 +18,9 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.learning.ppo_batch import batches_of
 from safe_inspect.experiments.sampling import env_runners
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
-from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
 from safe_inspect.experiments.sampling.rollout import DecisionRollout, DecisionTrack, Rollout
 from safe_inspect.experiments.sampling.sampler import AgentSlot
-from safe_inspect.experiments.sampling.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
 
 pytestmark = pytest.mark.ray
 
@@ -442,12 +441,12 @@ def test_a_runner_takes_whole_steps_and_begins_anew_after_whole_episodes() -> No
     runner = Runner(
         _sampler=Fake(), num_envs=4, _needs_initial_reset=True, num_env_steps_sampled_lifetime=70, config=None
     )
-    runner._roll(8, None, True, False, False)
-    runner._roll(9, None, False, True, False)
-    runner._roll(1, None, True, False, True)
-    runner._roll(None, 6, True, False, False)
-    runner._roll(None, None, True, False, False)
-    runner._roll(4, None, True, False, False)
+    runner._roll(num_timesteps=8, explore=True)
+    runner._roll(num_timesteps=9, explore=False, random_actions=True)
+    runner._roll(num_timesteps=1, explore=True, force_reset=True)
+    runner._roll(num_episodes=6, explore=True)
+    runner._roll(explore=True)
+    runner._roll(num_timesteps=4, explore=True)
     assert called == [
         "reset", ("roll", 2, True, False, 70), ("roll", 3, False, True, 70), "reset", ("roll", 1, True, False, 70),
         ("episodes", 6, True, False, 70), ("episodes", 0, True, False, 70), "reset", ("roll", 1, True, False, 70),
@@ -463,14 +462,15 @@ def test_a_sample_is_named_by_seed_slot_and_episode_and_counted(monkeypatch: pyt
         config=SimpleNamespace(env_config={}), _sampler=sampler, _seed_of_slots=255, _slot=40, _done=["none"],
         metrics="logger", agent_slots=SLOTS, _metrics_num_env_steps_sampled="counted",
         _log_env_steps=lambda **given: logged.append(given),
-        _roll=lambda *given: logged.append(given) or rollout, _episodes=lambda found, names: (found, names),
+        _roll=lambda **given: logged.append(given) or rollout, _episodes=lambda found, names: (found, names),
     )  # fmt: skip
     monkeypatch.setattr(env_runners, "log_steps", lambda *given: logged.append(given) or 14)
     found, names = runner._sample(num_timesteps=9, explore=False, random_actions=True, force_reset=True)
     assert found is rollout
     assert names == ["ff-40-8", "ff-41-0", "ff-40-20"]
     assert logged == [
-        (9, None, False, True, True), ("logger", rollout, SLOTS, 2, False),
+        {"num_timesteps": 9, "explore": False, "random_actions": True, "force_reset": True},
+        ("logger", rollout, SLOTS, 2, False),
         {"metric": "counted", "num_steps": 14},
     ]  # fmt: skip
     assert (runner._done, sampler.reports) == (["none", "one", "two"], [])

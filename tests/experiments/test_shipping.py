@@ -19,7 +19,12 @@ from safe_inspect.outputs import MARKER
 
 pytest.importorskip("onnx")
 
-WORDS = {"title": "Inspects every lit point.", "command": "safe-inspect train --cfg x.yml"}
+
+def named(name, **more):
+    """Return what the user says on a model card."""
+    return CardData(name, "Inspects every lit point.", "safe-inspect train --cfg x.yml", **more)
+
+
 ESTIMATE = {"mean": 0.512, "standard_deviation": 0.0451, "iqm": 0.5, "iqm_interval": [0.49, None], "unit": "m/s"}
 SUCCESS = {"rate": 0.995, "interval": [0.9885, 0.9978], "statuses": {"win": 995, "lose": 5}}
 EVALUATION = {"episodes": 1000, "seed": 7, "success": SUCCESS, "figures": {"delta-v": ESTIMATE}}
@@ -35,12 +40,13 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shelf(run, tmp_path_factory):
     """Return a folder with one shipped policy."""
-    from safe_inspect.experiments.export.shipping import ship
+    from safe_inspect.experiments.export.shipping import read_evaluation, ship
 
     root = tmp_path_factory.mktemp("trained")
     (root / "evaluation.json").write_text(json.dumps(EVALUATION))
     evaluations = {"The shipped task": root / "evaluation.json"}
-    ship(run[1], "one-deputy", root, evaluations=evaluations, machine="two cores", seeds=["seed 5: 99 %"], **WORDS)
+    contents = {title: read_evaluation(path) for title, path in evaluations.items()}
+    ship(run[1], root, named("one-deputy", evaluations=contents, machine="two cores", seeds=["seed 5: 99 %"]))
     return root
 
 
@@ -137,7 +143,7 @@ def test_a_team_has_a_file_for_each_policy(tmp_path):
     agents = experiment.spec.agents
     modules = {agent.policy: make_module(agent, seed=index) for index, agent in enumerate(agents)}
     save_run(tmp_path / "run", experiment, modules)
-    found = ship(tmp_path / "run", "team", tmp_path / "trained", **WORDS)
+    found = ship(tmp_path / "run", tmp_path / "trained", named("team"))
     assert {agent: path.name for agent, path in found.onnx.items()} == {
         agent.name: f"{agent.policy}.onnx" for agent in agents
     }
@@ -145,20 +151,20 @@ def test_a_team_has_a_file_for_each_policy(tmp_path):
 
 
 def test_mistakes(run, shelf, tmp_path):
-    from safe_inspect.experiments.export.shipping import ship
+    from safe_inspect.experiments.export.shipping import read_evaluation, ship
 
     before = sorted(shelf.rglob("*"))
     with pytest.raises(OutputError, match="one-deputy: the folder exists already"):
-        ship(run[1], "one-deputy", shelf, **WORDS)
+        ship(run[1], shelf, named("one-deputy"))
     with pytest.raises(OutputError, match="is not a name for a policy"):
-        ship(run[1], "../one", shelf, **WORDS)
+        ship(run[1], shelf, named("../one"))
     (tmp_path / "file").write_text("{}")
     with pytest.raises(CheckpointError, match="this is not an evaluation"):
-        ship(run[1], "two", shelf, evaluations={"x": tmp_path / "file"}, **WORDS)
+        read_evaluation(tmp_path / "file")
     with pytest.raises(OutputError, match="cannot be written"):
-        ship(run[1], "two", tmp_path / "file", **WORDS)
+        ship(run[1], tmp_path / "file", named("two"))
     with pytest.raises(CheckpointError, match="there is no such checkpoint"):
-        ship(tmp_path / "nowhere", "two", shelf, **WORDS)
+        ship(tmp_path / "nowhere", shelf, named("two"))
     assert sorted(shelf.rglob("*")) == before
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "policy.json").write_text("{")

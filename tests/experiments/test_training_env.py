@@ -11,7 +11,7 @@ from dummy_environment import TEAM, DummyTeam
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
 from safe_inspect.experiments.sampling.environment import first_slot, stream_seed
-from safe_inspect.experiments.sampling.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.stock_envs import TrainingEnv
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):

@@ -147,7 +147,7 @@ def test_mistakes_say_where_and_what(mapping, path, text):
 def test_what_is_infinite_or_null_on_purpose_is_taken():
     found = translate_rllib({"vf_clip_param": float("inf"), "sample_timeout_s": float("inf"), "lr": None})
     assert not found.problems
-    assert found.notes == ("`lr` is null, so its default is used",)
+    assert found.notes == ["`lr` is null, so its default is used"]
     assert not translate_tune({"stop": {"time_total_s": float("inf"), "episode_reward_mean": -3}}).problems
 
 
@@ -180,7 +180,7 @@ def test_searched_values_are_checked_one_by_one():
 
 def test_keys_of_another_algorithm_wait_for_ray():
     found = translate_rllib({"algorithm": "SAC", "n_step": 3, "gamma": 0.9})
-    assert found.unchecked == ("n_step",)
+    assert found.unchecked == ["n_step"]
     assert not found.problems
     assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
 
@@ -192,7 +192,7 @@ def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, k
     assert f"`{meant}`" in problem.hint
     monkeypatch.setattr(rllib_release, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
     found = translate_rllib({"algorithm": algorithm, key: 0.25})
-    assert found.unchecked == (key,)
+    assert found.unchecked == [key]
     assert not found.problems
     monkeypatch.setattr(rllib_release, "_installed", lambda: None)
     assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
@@ -362,7 +362,7 @@ def test_a_training_that_nothing_ends_is_noted():
     for tune in ({}, {"stop": {}}):
         assert any("the training runs until it is interrupted" in note for note in translate_tune(tune).notes)
     for tune in ({"stop": {"training_iteration": 1}}, {"time_budget_s": 5}):
-        assert translate_tune(tune).notes == ()
+        assert translate_tune(tune).notes == []
 
 
 @pytest.mark.parametrize("key", ["clip_param", "vf_clip_param"])

@@ -21,9 +21,9 @@ from safe_inspect.experiments.export.export_check import (
     random_readings,
     worst,
 )
-from safe_inspect.experiments.export.net_layers import best_of_dqn, mode_of_sac, state_sizes
-from safe_inspect.experiments.export.onnx_graph import build_file, check_module, require_onnx
-from safe_inspect.experiments.files.checkpoints import MODULES, configuration_of, policy_folder, read_checkpoint
+from safe_inspect.experiments.export.net_layers import NetLayers, layers_of
+from safe_inspect.experiments.export.onnx_graph import build_file, require_onnx
+from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, policy_names, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.policy import trained_policy
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
@@ -90,13 +90,7 @@ def export_policy(
     title = f"{checkpoint}, policy {folder.name}"
     agents = _agents(experiment, folder.name, title)
     loaded = trained_policy(checkpoint, folder.name)
-    module = loaded.module
-    if isinstance(module, SacPolicy):
-        module = mode_of_sac(module, title)
-    elif isinstance(module, DqnPolicy):
-        module = best_of_dqn(module, title)
-    else:
-        check_module(module, title)
+    net = layers_of(loaded.module, title)
     if loaded.info is None:
         raise CheckpointError(
             f"{title}: the checkpoint does not describe the policy's observation and action, so it cannot be exported; "
@@ -109,18 +103,26 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
-        state=state_sizes(module),
+        state=net.state,
     )
-    return write_policy(module, info, output, experiment.spec, agents[0], title)
+    module = net if isinstance(loaded.module, SacPolicy | DqnPolicy) else loaded.module
+    return write_policy(net, module, info, output, experiment.spec, agents[0], title)
 
 
 def write_policy(
-    module: Any, info: PolicyInfo, output: str | os.PathLike[str], spec: EnvironmentSpec, agent: AgentSpec, title: str
+    net: NetLayers,
+    module: Any,
+    info: PolicyInfo,
+    output: str | os.PathLike[str],
+    spec: EnvironmentSpec,
+    agent: AgentSpec,
+    title: str,
 ) -> Exported:
-    """Write a module as an ONNX file, after comparing the file with the module; see `export_policy`.
+    """Write layers as an ONNX file, after comparing the file with a module; see `export_policy`.
 
     Args:
-        module: The policy's module, from RLlib or a `Perceptron`.
+        net: The layers.
+        module: RLlib's module with these layers, or the layers themselves.
         info: The description of the policy for the file.
         output: The file to write.
         spec: The task.
@@ -133,7 +135,7 @@ def write_policy(
     """
     path = Path(output).expanduser()
     with new_file(path, "give another --output") as work:
-        work.write_bytes(seal(build_file(module, info, title)))
+        work.write_bytes(seal(build_file(net, info, title)))
         written = load_onnx(work)
         flown = flown_readings(written, spec)
         random = random_readings(agent, _RANDOM_STEPS, _RANDOM_ROWS)
@@ -161,9 +163,7 @@ def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or contains no policy.
     """
-    read_checkpoint(checkpoint)
-    modules = Path(checkpoint) / MODULES
-    names = sorted(item.name for item in modules.iterdir() if item.is_dir()) if modules.is_dir() else []
+    names = policy_names(checkpoint)
     if not names:
         raise CheckpointError(f"{checkpoint}: the checkpoint contains no policy")
     return names

@@ -19,7 +19,7 @@ LIMITS = (
 
 @dataclass(frozen=True)
 class CardData:
-    """Content of a model card.
+    """Content of a model card; `ship` adds what it can find out by itself.
 
     Attributes:
         name: Name of the policy.
@@ -39,12 +39,12 @@ class CardData:
     name: str
     title: str
     command: str
-    training: Mapping[str, Any]
-    machine: str
-    date: str
-    versions: Mapping[str, str]
-    exported: Sequence[Sequence[str]]
-    observation: Mapping[str, Sequence[str]]
+    training: Mapping[str, Any] = field(default_factory=dict)
+    machine: str = ""
+    date: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    exported: Sequence[Sequence[str]] = ()
+    observation: Mapping[str, Sequence[str]] = field(default_factory=dict)
     evaluations: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seeds: Sequence[str] = ()
     limits: Sequence[str] = ()

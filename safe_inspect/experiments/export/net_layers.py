@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.models.torch.encoder import TorchLSTMEncoder
+from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.modules.saved_policy import BestChoices, DqnPolicy, SacPolicy
@@ -19,30 +21,86 @@ from safe_inspect.types import AnyArray, FloatArray
 NO_SPREAD = -20.0
 
 
+#: Names of an ONNX file's inputs for the state of an LSTM: output and cell.
+STATE = ("state_h", "state_c")
+
+_GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
+
+
 @dataclass(frozen=True, eq=False)
-class Perceptron:
-    """The net of a policy: layers from the observation to means or logits.
+class NetLayers:
+    """The layers of a policy from the observation to the inputs of the action distribution: means or logits first.
 
     Attributes:
-        layers: Linear layers and activations, in order.
-        log_std: Logarithms of the standard deviations, shape (A,); None for a categorical policy.
+        dense: Dense layers and activations, in order.
+        lstm: The LSTM after them; None for a policy without a state.
+        head: Further dense layers and activations.
+        log_std: Logarithms of the standard deviations, shape (A,); None if there are none, or the layers give them.
+        limit: Largest magnitude of the logarithms of standard deviations, the second half of the outputs of the layers;
+            None for no limit.
     """
 
-    layers: torch.nn.Sequential
-    log_std: torch.Tensor | None
+    dense: torch.nn.Sequential
+    lstm: torch.nn.LSTM | None = None
+    head: Sequence[torch.nn.Module] = ()
+    log_std: torch.Tensor | None = None
+    limit: float | None = None
+
+    @property
+    def state(self) -> dict[str, int]:
+        """The sizes of the inputs of `STATE`; empty for a policy without a state."""
+        return {} if self.lstm is None else dict.fromkeys(STATE, self.lstm.hidden_size)
 
     def forward_inference(self, batch: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the inputs of the action distributions, as RLlib's modules do."""
-        value = self.layers(batch[Columns.OBS])
+        """Return the inputs of the action distributions, as RLlib's modules do, for dense layers without a limit."""
+        value = self.dense(batch[Columns.OBS])
         if self.log_std is not None:
             value = torch.cat((value, self.log_std.detach().expand_as(value)), dim=1)
         return {Columns.ACTION_DIST_INPUTS: value}
 
 
-def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
-    """Return the mode of RLlib's policy for SAC, tanh(mean).
+def layers_of(module: Any, title: str) -> NetLayers:
+    """Return the layers of a policy of RLlib; of SAC the mode, tanh(mean), and of DQN the values of the choices.
 
-    The files cannot describe the squashed Gaussian from which this policy samples its actions.
+    The files cannot describe the squashed Gaussian from which SAC samples its actions.
+
+    Raises:
+        CheckpointError: It is not one of RLlib's own modules, or not a multilayer perceptron (and an LSTM).
+    """
+    if isinstance(module, SacPolicy):
+        return _mode_of_sac(module, title)
+    if isinstance(module, DqnPolicy):
+        return _best_of_dqn(module, title)
+    own = DefaultPPOTorchRLModule
+    names = ("_forward", "_forward_inference", "forward_inference")
+    if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
+        raise CheckpointError(
+            f"{title}: the policy is a custom module ({type(module).__name__}); only RLlib's own modules for PPO can "
+            "be exported"
+        )
+    encoder: Any = getattr(module.encoder, "actor_encoder", None) or getattr(module.encoder, "encoder", None)
+    lstm = encoder.lstm if type(encoder) is TorchLSTMEncoder else None
+    dense = getattr(getattr(encoder if lstm is None else encoder.tokenizer, "net", None), "mlp", None)
+    known = type(module.pi) in (TorchMLPHead, TorchFreeLogStdMLPHead) and (lstm is None or lstm.num_layers == 1)
+    if not known or not isinstance(dense, torch.nn.Sequential):
+        raise CheckpointError(
+            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only "
+            "these can be exported"
+        )
+    return with_head(dense, lstm, module.pi)
+
+
+def with_head(dense: torch.nn.Sequential, lstm: torch.nn.LSTM | None, head: Any) -> NetLayers:
+    """Return layers that end with one of RLlib's heads."""
+    limit = float(head.log_std_clip_param_const) if head.clip_log_std else None
+    if not isinstance(head, TorchFreeLogStdMLPHead):
+        return NetLayers(dense, lstm, head.net.mlp, limit=limit)
+    log_std = head.log_std.detach()
+    return NetLayers(dense, lstm, head.net.mlp, log_std if limit is None else log_std.clamp(-limit, limit))
+
+
+def _mode_of_sac(module: SacPolicy, title: str) -> NetLayers:
+    """Return the mode of RLlib's policy for SAC, tanh(mean).
 
     Raises:
         CheckpointError: The policy is recurrent, or not a multilayer perceptron.
@@ -55,10 +113,10 @@ def mode_of_sac(module: SacPolicy, title: str) -> Perceptron:
         mean.weight.copy_(last.weight[:size])
         mean.bias.copy_(last.bias[:size])
     layers = torch.nn.Sequential(*list(encoder), *list(head)[:-1], mean, torch.nn.Tanh())
-    return Perceptron(layers.eval(), torch.full((size,), NO_SPREAD))
+    return NetLayers(layers.eval(), log_std=torch.full((size,), NO_SPREAD))
 
 
-def best_of_dqn(module: DqnPolicy, title: str) -> Perceptron:
+def _best_of_dqn(module: DqnPolicy, title: str) -> NetLayers:
     """Return the values of the choices of RLlib's policy for DQN, up to a constant that is common to all choices.
 
     With separate nets for value and advantage this constant is the value of the state minus the mean advantage.
@@ -71,7 +129,7 @@ def best_of_dqn(module: DqnPolicy, title: str) -> Perceptron:
             f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without it"
         )
     layers = (*_layers(module.encoder, title), *_layers(module.af, title), BestChoices(module.choices))
-    return Perceptron(torch.nn.Sequential(*layers).eval(), None)
+    return NetLayers(torch.nn.Sequential(*layers).eval())
 
 
 def _layers(part: Any, title: str) -> torch.nn.Sequential:
@@ -89,43 +147,6 @@ def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:
         layer.weight.copy_(torch.diag((largest - least) / 2.0))
         layer.bias.copy_((largest + least) / 2.0)
     return layer
-
-
-#: Names of an ONNX file's inputs for the state of an LSTM: output and cell.
-STATE = ("state_h", "state_c")
-
-_GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
-
-
-class EncoderLayers(NamedTuple):
-    """The layers before the head of a policy.
-
-    Attributes:
-        dense: Dense layers and activations, in order.
-        lstm: The LSTM after them; None for a policy without a state.
-    """
-
-    dense: torch.nn.Sequential
-    lstm: torch.nn.LSTM | None
-
-
-def encoder_layers(module: Any) -> EncoderLayers | None:
-    """Return the layers before the head of an RLModule's policy; None if they are of an unsupported kind."""
-    own = getattr(module, "encoder", None)
-    encoder = getattr(own, "actor_encoder", None) or getattr(own, "encoder", None)
-    lstm = None
-    if type(encoder) is TorchLSTMEncoder:
-        lstm, encoder = encoder.lstm, encoder.tokenizer
-        if lstm.num_layers != 1:
-            return None
-    dense = getattr(getattr(encoder, "net", None), "mlp", None)
-    return EncoderLayers(dense, lstm) if isinstance(dense, torch.nn.Sequential) else None
-
-
-def state_sizes(module: Any) -> dict[str, int]:
-    """Return the sizes of the inputs of `STATE`; empty for a module without a state."""
-    layers = encoder_layers(module)
-    return {} if layers is None or layers.lstm is None else dict.fromkeys(STATE, layers.lstm.hidden_size)
 
 
 def lstm_weights(lstm: torch.nn.LSTM) -> dict[str, AnyArray]:

@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
-from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
 from safe_inspect.evaluation.raw_values import CommandedElement, element_columns
-from safe_inspect.experiments.export.net_layers import STATE, encoder_layers, lstm_weights
+from safe_inspect.experiments.export.net_layers import STATE, NetLayers, lstm_weights
 from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
@@ -50,32 +48,11 @@ def require_onnx() -> Any:
     return onnx
 
 
-def check_module(module: Any, title: str) -> None:
-    """Check that a module has only layers that can be exported.
-
-    Raises:
-        CheckpointError: It is not one of RLlib's own modules for PPO, or not a multilayer perceptron, optionally
-            followed by an LSTM.
-    """
-    own = DefaultPPOTorchRLModule
-    names = ("_forward", "_forward_inference", "forward_inference")
-    if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
-        raise CheckpointError(
-            f"{title}: the policy is a custom module ({type(module).__name__}); only RLlib's own modules for PPO can "
-            "be exported"
-        )
-    if type(module.pi) not in (TorchMLPHead, TorchFreeLogStdMLPHead) or encoder_layers(module) is None:
-        raise CheckpointError(
-            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only "
-            "these can be exported"
-        )
-
-
-def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
+def build_file(net: NetLayers, info: PolicyInfo, title: str) -> bytes:
     """Return the bytes of the ONNX file of a policy, without its seal.
 
     Args:
-        module: A module of RLlib that `check_module` accepts, or a `Perceptron`.
+        net: The layers of the policy.
         info: The description of the policy for the file.
         title: Name of the checkpoint in messages.
 
@@ -86,7 +63,7 @@ def build_file(module: Any, info: PolicyInfo, title: str) -> bytes:
     onnx = require_onnx()
     graph = _Graph(onnx, title)
     value = graph.normalised("observation", info)
-    inputs = graph.perceptron(module, value) if hasattr(module, "layers") else graph.rllib(module, value)
+    inputs = graph.outputs(net, value)
     graph.node("Identity", [inputs], name="action_dist_inputs")
     numbers = [element for element in info.action if not element.levels]
     gates = info.distribution == "hurdle"
@@ -159,11 +136,23 @@ class _Graph:
             value = self._layer(layer, value)
         return value
 
-    def rllib(self, module: Any, value: str) -> str:
-        """Add the encoder and the head of RLlib's module."""
-        layers: Any = encoder_layers(module)  # not None, as `check_module` has accepted the module
-        value = self.net(layers.dense, value)
-        return self.distribution(module.pi, value if layers.lstm is None else self.lstm(layers.lstm, value))
+    def outputs(self, net: NetLayers, value: str) -> str:
+        """Add the layers of a policy, which give the inputs of the action distribution."""
+        value = self.net(net.dense, value)
+        if net.lstm is not None:
+            value = self.lstm(net.lstm, value)
+        value = self.net(net.head, value)
+        if net.log_std is not None:
+            log_std = self.constant(_array(net.log_std)[None, :], "log_std")
+            spread = self.node("Expand", [log_std, self.node("Shape", [value])])
+            return self.node("Concat", [value, spread], axis=1)
+        if net.limit is None:
+            return value
+        last: Any = net.head[-1]
+        width = int(last.out_features) // 2
+        bounds = [self.constant(-net.limit, "log_std_low"), self.constant(net.limit, "log_std_high")]
+        spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
+        return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
 
     def lstm(self, layer: torch.nn.LSTM, value: str) -> str:
         """Add one step of an LSTM from the inputs `STATE` to the outputs with the prefix `NEXT_STATE`.
@@ -183,31 +172,6 @@ class _Graph:
             self.node("Squeeze", [one, axis], name=NEXT_STATE + name) for one, name in zip(after, STATE, strict=True)
         )
         return hidden
-
-    def perceptron(self, module: Any, value: str) -> str:
-        """Add the layers and any logarithms of standard deviations of a `Perceptron`."""
-        value = self.net(module.layers, value)
-        return value if module.log_std is None else self._with_spread(value, _array(module.log_std)[None, :])
-
-    def _with_spread(self, value: str, log_std: AnyArray) -> str:
-        spread = self.node("Expand", [self.constant(log_std, "log_std"), self.node("Shape", [value])])
-        return self.node("Concat", [value, spread], axis=1)
-
-    def distribution(self, head: Any, value: str) -> str:
-        """Add the outputs of the head: logits, or means and logarithms of standard deviations."""
-        value = self.net(head.net.mlp, value)
-        limit = float(head.log_std_clip_param_const) if head.clip_log_std else 0.0
-        if isinstance(head, TorchFreeLogStdMLPHead):
-            deviation = _array(head.log_std)[None, :]
-            if head.clip_log_std:
-                deviation = np.clip(deviation, -limit, limit)
-            return self._with_spread(value, deviation)
-        if not head.clip_log_std:
-            return value
-        width = int(head.net.mlp[-1].out_features) // 2
-        bounds = [self.constant(-limit, "log_std_low"), self.constant(limit, "log_std_high")]
-        spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
-        return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
 
     def scaled(self, inputs: str, elements: Sequence[CommandedElement], gates: bool) -> str:
         """Add clip(offset + gain * mean, low, high); in a hurdle policy the mean is 0 where its logit is negative."""

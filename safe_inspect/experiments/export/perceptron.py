@@ -14,7 +14,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
-from safe_inspect.experiments.export.net_layers import NO_SPREAD, Perceptron
+from safe_inspect.experiments.export.net_layers import NO_SPREAD, NetLayers
 from safe_inspect.experiments.export.onnx_graph import require_onnx
 from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.experiments.settings.policies import SINGLE
@@ -83,4 +83,5 @@ def export_perceptron(
         info, net = replace(info, distribution="greedy"), net.append(BestChoices(choices)).eval()
     if not choices:
         spread = torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).detach().cpu()
-    return write_policy(Perceptron(net, spread), info, output, experiment.spec, agents[0], str(output))
+    made = NetLayers(net, log_std=spread)
+    return write_policy(made, made, info, output, experiment.spec, agents[0], str(output))

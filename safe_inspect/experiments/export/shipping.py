@@ -7,7 +7,6 @@ import os
 import platform
 import re
 import shutil
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from importlib import metadata
@@ -16,16 +15,8 @@ from typing import Any
 
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, OutputError
-from safe_inspect.evaluation.shipped import (
-    CARD,
-    CHECKPOINT,
-    CONFIGURATION,
-    RECORD,
-    ShippedPolicy,
-    shipped_policy,
-)
-from safe_inspect.experiments.export.export import Exported, export_policy, policies_in
-from safe_inspect.experiments.export.export import training_record as training_of
+from safe_inspect.evaluation.shipped import CARD, CHECKPOINT, CONFIGURATION, RECORD, ShippedPolicy, shipped_policy
+from safe_inspect.experiments.export.export import Exported, export_policy, policies_in, training_record
 from safe_inspect.experiments.export.model_card import CardData, model_card
 from safe_inspect.experiments.files.checkpoints import (
     MODULES,
@@ -44,47 +35,32 @@ _PACKAGES = ("ray", "torch", "numpy", "onnx", "onnxruntime")
 
 
 def ship(
-    checkpoint: str | os.PathLike[str],
-    name: str,
-    root: str | os.PathLike[str],
-    *,
-    title: str,
-    command: str,
-    evaluations: Mapping[str, str | os.PathLike[str]] | None = None,
-    machine: str = "",
-    seeds: Sequence[str] = (),
-    limits: Sequence[str] = (),
-    replace_old: bool = False,
+    checkpoint: str | os.PathLike[str], root: str | os.PathLike[str], card: CardData, *, replace_old: bool = False
 ) -> ShippedPolicy:
     """Write the folder of a shipped policy: ONNX files, weights, experiment and model card.
 
     Args:
         checkpoint: A checkpoint in the folder of its run, or the folder of a run, whose newest checkpoint is used.
-        name: Name of the policy.
         root: Folder in which the policy's folder is created.
-        title: What the policy does, in one sentence.
-        command: Command of the training.
-        evaluations: File `evaluation.json` of each evaluation, by title.
-        machine: The machine on which it was trained; by default a description of this machine.
-        seeds: Results of other seeds of the recipe, one line each.
-        limits: Limits of use of this policy.
+        card: Name, title, command, evaluations, seeds and limits of the model card; by default its machine is described
+            as this one.
         replace_old: Whether to replace an existing folder of that name, which this function must have written.
 
     Returns:
         The shipped policy.
 
     Raises:
-        CheckpointError: The checkpoint is missing, damaged or not in a run, or a file is not an evaluation.
+        CheckpointError: The checkpoint is missing, damaged or not in a run.
         OutputError: The folder exists already or cannot be written.
     """
     source = newest_checkpoint(checkpoint)
     configuration = configuration_of(source)
     if configuration is None:
         raise CheckpointError(f"{source}: the checkpoint is not in the folder of a training run; give one that is")
+    name = card.name
     if not name or Path(name).name != name or name.startswith("."):
         raise OutputError(f"{name!r} is not a name for a policy; give one word, such as translational-inspection")
     target = Path(root) / name
-    reports = {heading: _read_evaluation(path) for heading, path in (evaluations or {}).items()}
     with new_folder(target, "ship", force=replace_old, hint="give another name") as work:
         _copy_configuration(configuration, work / CONFIGURATION)
         _copy_weights(source, work / CHECKPOINT)
@@ -97,19 +73,14 @@ def ship(
         agents = {agent: item.path.name for item in done for agent in item.info.agents}
         record = {"name": name, "task": done[0].info.task, "safe_inspect": __version__, "agents": agents}
         (work / RECORD).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-        card = CardData(
-            name=name,
-            title=title,
-            command=command,
-            training=training_of(source),
-            machine=machine or f"{platform.system()}, {platform.machine()}, {os.cpu_count()} cores",
+        card = replace(
+            card,
+            training=training_record(source),
+            machine=card.machine or f"{platform.system()}, {platform.machine()}, {os.cpu_count()} cores",
             date=date.today().isoformat(),
             versions={"safe_inspect": __version__, **{package: metadata.version(package) for package in _PACKAGES}},
             exported=[_row(item) for item in done],
             observation={item.path.name: [str(element) for element in item.info.observation] for item in done},
-            evaluations=reports,
-            seeds=seeds,
-            limits=limits,
         )
         (work / CARD).write_text(_card(card), encoding="utf-8")
     return shipped_policy(name, Path(root))
@@ -138,7 +109,12 @@ def _row(done: Exported) -> tuple[str, str, str, str]:
     return done.path.name, ", ".join(done.info.agents), action, found
 
 
-def _read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the content of an `evaluation.json`.
+
+    Raises:
+        CheckpointError: The file is not an evaluation.
+    """
     try:
         content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
         content["episodes"], content["seed"], content["success"]["rate"], content["figures"]

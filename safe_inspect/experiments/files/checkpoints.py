@@ -7,6 +7,7 @@ sizes or checksums, is not loaded.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import zlib
@@ -97,6 +98,16 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     return checkpoint
 
 
+def checkpoint_hash(checkpoint: Path) -> str:
+    """Return the hash of a checkpoint's files, by name and content, without its seal."""
+    found = hashlib.sha256()
+    for path in sorted(checkpoint.rglob("*")):
+        if path.is_file() and not path.name.startswith(SEAL):
+            found.update(path.relative_to(checkpoint).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
 def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual: str = "") -> Path:
     """Return the folder of a policy in a checkpoint.
 
@@ -108,8 +119,7 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
     Raises:
         CheckpointError: The checkpoint is missing, incomplete or damaged, or has no such policy.
     """
-    folder = read_checkpoint(path).path.absolute() / MODULES
-    names = sorted(item.name for item in folder.iterdir() if item.is_dir()) if folder.is_dir() else []
+    names = policy_names(path)
     if policy is None:
         if len(names) != 1 and usual not in names:
             known = ", ".join(names) or "none"
@@ -117,7 +127,16 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
         policy = names[0] if len(names) == 1 else usual
     if policy not in names:
         raise CheckpointError(f"{path}: the checkpoint has no policy {policy!r}; {did_you_mean(policy, names)}")
-    return folder / policy
+    return Path(path).absolute() / MODULES / policy
+
+
+def policy_names(path: str | os.PathLike[str]) -> list[str]:
+    """Return the names of the policies of a checkpoint.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, incomplete or damaged.
+    """
+    return sorted(folder.name for folder in (read_checkpoint(path).path / MODULES).glob("*") if folder.is_dir())
 
 
 def weights_path(folder: Path) -> Path:

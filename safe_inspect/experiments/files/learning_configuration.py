@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys.rllib_keys import PLACE_KEYS
-from safe_inspect.experiments.settings.policies import PolicySettings
+from safe_inspect.config.spec import PolicySpec
 
 _MISSING = "nothing"
 
@@ -18,7 +17,7 @@ _APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path",
 
 
 def learning_configuration(
-    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+    experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySpec] | None = None
 ) -> dict[str, Any]:
     """Return the configuration that decides the result of a training.
 
@@ -32,9 +31,18 @@ def learning_configuration(
         policies: The policies by name if there are several agents.
     """
     settings = {key: value for key, value in rllib.items() if key not in PLACE_KEYS}
-    learning = {"experiment": _without(experiment, _APART), "rllib_configs": settings}
+    learning = {"experiment": without(experiment, _APART), "rllib_configs": settings}
     if policies:
-        learning["policies"] = {name: asdict(policy) for name, policy in policies.items()}
+        learning["policies"] = {
+            name: {
+                "name": name,
+                "agents": policy.agents,
+                "settings": policy.config,
+                "checkpoint": policy.checkpoint,
+                "source_policy": policy.source_policy,
+            }
+            for name, policy in policies.items()
+        }
     plain: dict[str, Any] = json.loads(json.dumps(learning, default=str))
     return plain
 
@@ -66,10 +74,11 @@ def changed_values(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, An
         yield path, old, new
 
 
-def _without(value: Any, names: frozenset[str]) -> Any:
+def without(value: Any, names: Collection[str]) -> Any:
+    """Return a configuration without the keys of the given names, at any depth."""
     if isinstance(value, Mapping):
-        return {key: _without(item, names) for key, item in value.items() if key not in names}
-    return [_without(item, names) for item in value] if isinstance(value, list) else value
+        return {key: without(item, names) for key, item in value.items() if key not in names}
+    return [without(item, names) for item in value] if isinstance(value, list) else value
 
 
 def short_text(value: Any) -> str:

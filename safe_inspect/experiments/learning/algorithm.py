@@ -12,7 +12,8 @@ from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 from ray.tune.registry import get_trainable_cls, register_env
 
-from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, OWN_KEYS
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
 from safe_inspect.evaluation.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
@@ -20,31 +21,18 @@ from safe_inspect.experiments.learning.rllib_objects import own_module, set_conn
 from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec
 from safe_inspect.experiments.sampling.callbacks import RunCallbacks
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
-from safe_inspect.experiments.sampling.multi_agent_env import TeamMultiAgentEnv
-from safe_inspect.experiments.sampling.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import SINGLE, PolicySettings
+from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.experiments.settings.policy_info import policy_texts
 from safe_inspect.plugins.registry import import_user_module
 
 #: Attributes of `AlgorithmConfig` whose names differ from those of the keys.
 ATTRIBUTES = {"lambda": "lambda_"}
 
-_OWN = (
-    "algorithm",
-    "model_config",
-    "torch_num_threads",
-    "env_runner",
-    "learner",
-    "learner_threads",
-    "evaluation_config",
-    "callbacks",
-    "rl_module",
-    "env_to_module_connector",
-    "module_to_env_connector",
-    "learner_connector",
-)
+#: Keys that are not attributes of `AlgorithmConfig`, or are set by one of its methods.
+_OWN = frozenset({*OWN_KEYS, "evaluation_config"})
 #: The name under which the environment is registered in RLlib; checkpoints contain it too.
 ENVIRONMENT = "safe_inspect"
 
@@ -58,7 +46,7 @@ class PolicyOf:
         policies: The policies by name.
     """
 
-    def __init__(self, policies: Mapping[str, PolicySettings]) -> None:
+    def __init__(self, policies: Mapping[str, PolicySpec]) -> None:
         self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
 
     def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
@@ -67,7 +55,7 @@ class PolicyOf:
 
 
 def build_config(
-    rllib: TranslatedSettings, env_config: Mapping[str, Any], policies: Mapping[str, PolicySettings] | None = None
+    rllib: TranslatedSettings, env_config: Mapping[str, Any], policies: Mapping[str, PolicySpec] | None = None
 ) -> AlgorithmConfig:
     """Return the configuration of the algorithm, ready for Tune.
 
@@ -84,9 +72,8 @@ def build_config(
     texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
-    _check_names(config, rllib)
     buffer = getattr(config, "replay_buffer_config", None)
-    _apply(config, settings)
+    _apply(config, rllib)
     set_connectors(config, settings)
     if buffer is not None:
         set_replay_buffer(config, {**buffer, **settings.get("replay_buffer_config", {})}, several=bool(policies))
@@ -194,21 +181,20 @@ def attribute_names(config: AlgorithmConfig) -> set[str]:
     return {name for name in names if not name.startswith("_")}
 
 
-def _check_names(config: AlgorithmConfig, rllib: TranslatedSettings) -> None:
-    names = attribute_names(config)
-    problems = []
-    for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given))):
-        attribute = ATTRIBUTES.get(name, name)
-        if name in _OWN or attribute in names:
-            continue
-        message = f"{rllib.settings['algorithm']} has no key `{name}`"
-        problems.append(Problem(message, f"rllib_configs.{name}", hint=did_you_mean(name, names)))
+def _apply(config: AlgorithmConfig, rllib: TranslatedSettings) -> None:
+    """Set the attributes of a configuration.
+
+    Raises:
+        ConfigError: The algorithm does not have a key that the experiment gives.
+    """
+    names, settings = attribute_names(config), rllib.settings
+    problems = [
+        Problem(f"{settings['algorithm']} has no key `{name}`", f"rllib_configs.{name}", hint=did_you_mean(name, names))
+        for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given)))
+        if name not in _OWN and ATTRIBUTES.get(name, name) not in names
+    ]
     if problems:
         raise ConfigError(problems)
-
-
-def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
-    names = attribute_names(config)
     for name, value in settings.items():
         attribute = ATTRIBUTES.get(name, name)
         if name not in _OWN and attribute in names:  # not every algorithm has the keys of this package's defaults
@@ -218,7 +204,7 @@ def _apply(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
 def _set_policies(
     config: AlgorithmConfig,
     settings: Mapping[str, Any],
-    policies: Mapping[str, PolicySettings],
+    policies: Mapping[str, PolicySpec],
     texts: Mapping[str, Mapping[str, str]],
 ) -> None:
     """Set the policies in RLlib's configuration, with their agents and their own settings."""
@@ -231,13 +217,13 @@ def _set_policies(
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
-            own = {**model, **policy.settings.get("model_config", {})}
+            own = {**model, **policy.config.get("model_config", {})}
             specs[name] = own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
         else:
             specs[name] = frozen_spec(policy)
     config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=specs))
     overrides = {
-        name: {ATTRIBUTES.get(key, key): value for key, value in policy.settings.items() if key not in _OWN}
+        name: {ATTRIBUTES.get(key, key): value for key, value in policy.config.items() if key not in _OWN}
         for name, policy in policies.items()
     }
     config.multi_agent(

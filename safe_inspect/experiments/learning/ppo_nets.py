@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
+import numpy as np
 import torch
 from ray.rllib.core.columns import Columns
 
-from safe_inspect.experiments.learning.fast_adam import FastAdam, is_plain
+from safe_inspect.compiling import njit
 from safe_inspect.experiments.modules.tanh_net import (
     TRAINING,
     PlainLayers,
@@ -18,6 +20,65 @@ from safe_inspect.experiments.modules.tanh_net import (
     policy_layers,
     value_layers,
 )
+from safe_inspect.types import AnyArray
+
+#: Inputs of the action distribution, and values; None if a net does not compute them.
+Outputs = tuple[torch.Tensor | None, torch.Tensor | None]
+
+
+class AutogradPass:
+    """Pass through any net, with Torch's autograd.
+
+    Args:
+        net: The net as a function of observations.
+        parameters: The parameters of the net that learn.
+    """
+
+    def __init__(self, net: Callable[[torch.Tensor], Outputs], parameters: Sequence[torch.nn.Parameter]) -> None:
+        self._net, self._parameters = net, parameters
+        self._outputs: Outputs = (None, None)
+
+    def forward(self, observations: torch.Tensor) -> Outputs:
+        """Return the outputs for observations (B, O): inputs of the action distribution (B, I) and values (B,)."""
+        self._outputs = self._net(observations)
+        inputs, values = self._outputs
+        return (None if inputs is None else inputs.detach(), None if values is None else values.detach())
+
+    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
+        """Return the gradients of the parameters, given those with respect to the outputs of the last `forward`."""
+        pairs = zip(self._outputs, gradients, strict=True)
+        outputs, pushes = zip(*((out, push) for out, push in pairs if out is not None), strict=True)
+        found = torch.autograd.grad(outputs, self._parameters, pushes, allow_unused=True)
+        return [
+            torch.zeros_like(parameter) if gradient is None else gradient
+            for parameter, gradient in zip(self._parameters, found, strict=True)
+        ]
+
+
+class TanhPass:
+    """Pass through a net of tanh layers that computes one of the two outputs.
+
+    Args:
+        net: The net.
+        values: Whether it computes the values; otherwise it computes the inputs of the action distribution.
+    """
+
+    def __init__(self, net: TanhNet, values: bool) -> None:
+        self._net, self._values = net, values
+
+    def forward(self, observations: torch.Tensor) -> Outputs:
+        """See `AutogradPass.forward`."""
+        with torch.no_grad():
+            found = self._net.forward(observations)
+        return (None, found.squeeze(-1)) if self._values else (found, None)
+
+    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
+        """See `AutogradPass.backward`; the gradients are changed in place."""
+        inputs, values = gradients
+        push = inputs if values is None else values.unsqueeze(-1)
+        assert push is not None, "the gradient of the one output that the net computes"
+        with torch.no_grad():
+            return self._net.backward(push)
 
 
 @dataclass(frozen=True)
@@ -30,16 +91,9 @@ class Net:
         why_autograd: Why Torch's autograd computes its gradients; empty if `TanhNet` does, which takes less time.
     """
 
-    make_pass: Callable[[int], Pass]
+    make_pass: Callable[[int], AutogradPass | TanhPass]
     parameters: Sequence[torch.nn.Parameter]
     why_autograd: str = ""
-
-
-class Optimiser(Protocol):
-    """Optimiser of the parameters of a net."""
-
-    def step(self, gradients: Sequence[torch.Tensor]) -> None:
-        """Take a step, given the gradients of the parameters."""
 
 
 def nets_of(module: Any, together: bool = False) -> list[Net]:
@@ -75,16 +129,13 @@ def _whole(module: Any) -> Net:
 
 
 def _part(found: PlainLayers, values: bool) -> Net:
-    body: Any = found.body
-    head: Any = found.head
-    parameters = [*_learning(body), *_learning(head)]
-    layers = linear_layers(body, head.net.mlp) if found.whole else None
+    parameters = [*_learning(found.body), *_learning(found.head)]
+    layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
     if layers is not None and len(parameters) == 2 * len(layers):
-        limit = float(head.log_std_clip_param) if head.clip_log_std else None
-        return Net(lambda rows: TanhPass(TanhNet(layers, rows, limit), values), parameters)
+        return Net(lambda rows: TanhPass(TanhNet(layers, rows, found.limit), values), parameters)
 
     def forward(observations: torch.Tensor) -> Outputs:
-        outputs = head(body(observations))
+        outputs = found(observations)
         return (None, outputs.squeeze(-1)) if values else (outputs, None)
 
     return Net(
@@ -96,7 +147,7 @@ def _learning(module: Any) -> list[torch.nn.Parameter]:
     return [parameter for parameter in module.parameters() if parameter.requires_grad]
 
 
-class _TorchAdam:
+class TorchAdam:
     """Torch's Adam with the settings and the state of another optimiser, for some of its parameters."""
 
     def __init__(self, optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> None:
@@ -106,9 +157,8 @@ class _TorchAdam:
         self._adam = torch.optim.Adam(parameters, **{name: group[name] for name in names}, fused=True)
         for parameter in parameters:
             state = optimiser.state[parameter]
-            state["step"] = state["step"].to(
-                parameter.device
-            )  # a fused Adam needs its step counts on the device of the parameters
+            # A fused Adam needs its step counts on the device of the parameters.
+            state["step"] = state["step"].to(parameter.device)
             self._adam.state[parameter] = state
 
     def step(self, gradients: Sequence[torch.Tensor]) -> None:
@@ -118,7 +168,7 @@ class _TorchAdam:
         self._adam.step()
 
 
-def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> Optimiser:
+def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> FastAdam | TorchAdam:
     """Return an optimiser for some of the parameters of another one, whose settings and state it shares.
 
     RLlib has one optimiser for all parameters of a module, and checkpoints contain the state of that optimiser.
@@ -130,73 +180,93 @@ def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> Optimis
             state["exp_avg"] = torch.zeros_like(parameter)
             state["exp_avg_sq"] = torch.zeros_like(parameter)
     plain = is_plain(optimiser) and all(p.dtype == torch.float32 and p.device.type == "cpu" for p in parameters)
-    return FastAdam(optimiser, parameters) if plain else _TorchAdam(optimiser, parameters)
+    return FastAdam(optimiser, parameters) if plain else TorchAdam(optimiser, parameters)
 
 
-#: Inputs of the action distribution, and values; None if a net does not compute them.
-Outputs = tuple[torch.Tensor | None, torch.Tensor | None]
+@njit(nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+def adam_step(
+    parameter: AnyArray,
+    gradient: AnyArray,
+    mean: AnyArray,
+    square: AnyArray,
+    forget: tuple[float, float],
+    rate: float,
+    scale: float,
+    epsilon: float,
+) -> None:
+    """Take a step of Adam in place; all arrays are float32, shape (n,).
 
-
-class Pass(Protocol):
-    """Forward and backward pass through a net."""
-
-    def forward(self, observations: torch.Tensor) -> Outputs:
-        """Return the outputs for observations (B, O): inputs of the action distribution (B, I) and values (B,)."""
-
-    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """Return the gradients of the parameters, given those with respect to the outputs of the last `forward`."""
-
-
-class AutogradPass:
-    """Pass through any net, with Torch's autograd.
+    Source: Kingma and Ba, Adam: A Method for Stochastic Optimization, 2015, algorithm 1.
 
     Args:
-        net: The net as a function of observations.
-        parameters: The parameters of the net that learn.
+        parameter: theta, changed in place.
+        gradient: g.
+        mean: m, changed in place.
+        square: v, changed in place.
+        forget: 1 - beta_1 and 1 - beta_2.
+        rate: Learning rate alpha / (1 - beta_1^t).
+        scale: 1 / sqrt(1 - beta_2^t).
+        epsilon: epsilon.
+    """
+    first, second = np.float32(forget[0]), np.float32(forget[1])
+    alpha, spread, least = np.float32(rate), np.float32(scale), np.float32(epsilon)
+    for i in range(parameter.shape[0]):
+        g = gradient[i]
+        m = mean[i] + first * (g - mean[i])
+        v = square[i] + second * (g * g - square[i])
+        mean[i] = m
+        square[i] = v
+        parameter[i] -= alpha * m / (np.sqrt(v) * spread + least)
+
+
+class FastAdam:
+    """Adam that shares the settings and the state of one of Torch's optimisers.
+
+    Args:
+        optimiser: An Adam, see `is_plain`.
+        parameters: Some of its parameters, float32, on the CPU.
     """
 
-    def __init__(self, net: Callable[[torch.Tensor], Outputs], parameters: Sequence[torch.nn.Parameter]) -> None:
-        self._net, self._parameters = net, parameters
-        self._outputs: Outputs = (None, None)
-
-    def forward(self, observations: torch.Tensor) -> Outputs:
-        """See `Pass`."""
-        self._outputs = self._net(observations)
-        inputs, values = self._outputs
-        return (None if inputs is None else inputs.detach(), None if values is None else values.detach())
-
-    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """See `Pass`."""
-        pairs = zip(self._outputs, gradients, strict=True)
-        outputs, pushes = zip(*((out, push) for out, push in pairs if out is not None), strict=True)
-        found = torch.autograd.grad(outputs, self._parameters, pushes, allow_unused=True)
-        return [
-            torch.zeros_like(parameter) if gradient is None else gradient
-            for parameter, gradient in zip(self._parameters, found, strict=True)
+    def __init__(self, optimiser: torch.optim.Adam, parameters: Sequence[torch.nn.Parameter]) -> None:
+        (self._group,) = optimiser.param_groups
+        states = [optimiser.state[parameter] for parameter in parameters]
+        self._steps: list[torch.Tensor] = [state["step"] for state in states]
+        self._arrays = [
+            [part.detach().view(-1).numpy() for part in (parameter, state["exp_avg"], state["exp_avg_sq"])]
+            for parameter, state in zip(parameters, states, strict=True)
         ]
 
+    def step(self, gradients: Sequence[torch.Tensor]) -> None:
+        """Take a step.
 
-class TanhPass:
-    """Pass through a net of tanh layers that computes one of the two outputs.
+        Args:
+            gradients: Gradients of the parameters, in their order.
+        """
+        one, two = (float(beta) for beta in self._group["betas"])
+        rate, epsilon = float(self._group["lr"]), float(self._group["eps"])
+        for step, (parameter, mean, square), gradient in zip(self._steps, self._arrays, gradients, strict=True):
+            step += 1.0
+            count = float(step)
+            adam_step(
+                parameter,
+                gradient.view(-1).numpy(),
+                mean,
+                square,
+                (1.0 - one, 1.0 - two),
+                rate / (1.0 - one**count),
+                1.0 / math.sqrt(1.0 - two**count),
+                epsilon,
+            )
 
-    Args:
-        net: The net.
-        values: Whether it computes the values; otherwise it computes the inputs of the action distribution.
+
+def is_plain(optimiser: Any) -> bool:
+    """Return whether an optimiser is an Adam with one group of contiguous arrays and without optional features.
+
+    The optional features are `weight_decay`, `amsgrad` and `maximize`.
     """
-
-    def __init__(self, net: TanhNet, values: bool) -> None:
-        self._net, self._values = net, values
-
-    def forward(self, observations: torch.Tensor) -> Outputs:
-        """See `Pass`."""
-        with torch.no_grad():
-            found = self._net.forward(observations)
-        return (None, found.squeeze(-1)) if self._values else (found, None)
-
-    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """See `Pass`; the gradients are changed in place."""
-        inputs, values = gradients
-        push = inputs if values is None else values.unsqueeze(-1)
-        assert push is not None, "the gradient of the one output that the net computes"
-        with torch.no_grad():
-            return self._net.backward(push)
+    if type(optimiser) is not torch.optim.Adam or len(optimiser.param_groups) != 1:
+        return False
+    (group,) = optimiser.param_groups
+    return not (group["weight_decay"] or group["amsgrad"] or group["maximize"]) and all(
+        parameter.is_contiguous() for parameter in group["params"]
+    )

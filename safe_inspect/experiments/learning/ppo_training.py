@@ -14,20 +14,9 @@ from ray.rllib.algorithms.ppo.ppo import (
 )
 from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 
+from safe_inspect.experiments.learning import ppo_kernels as kernels
 from safe_inspect.experiments.learning.ppo_batch import Batch
-from safe_inspect.experiments.learning.ppo_kernels import (
-    CLIPPED,
-    ENTROPY,
-    KL,
-    SURROGATE,
-    UNCLIPPED,
-    Form,
-    Sampled,
-    Terms,
-    policy_gradient,
-    value_gradient,
-)
-from safe_inspect.experiments.learning.ppo_nets import Net, Optimiser
+from safe_inspect.experiments.learning.ppo_nets import Net
 from safe_inspect.random.action_draws import Categorical
 from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray, IntArray
@@ -43,7 +32,7 @@ class NetTraining:
 
     Args:
         net: The net.
-        optimiser: Optimiser of its parameters.
+        optimiser: Any of its parameters.
         batch: The batch, with advantages.
         order: The rows of each minibatch, shape (M, B).
         terms: The coefficients of the loss.
@@ -58,17 +47,17 @@ class NetTraining:
     def __init__(
         self,
         net: Net,
-        optimiser: Optimiser,
+        optimiser: Any,
         batch: Batch,
         order: IntArray,
-        terms: Terms,
+        terms: kernels.Terms,
         clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
         distribution: Any = None,
     ) -> None:
         self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
         self._clip_gradients = clip_gradients
         self._form = _form_of(distribution)
-        self._sampled = Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
+        self._sampled = kernels.Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
         size = order.shape[1]
         self._sums = np.zeros(3)
         self._value_sums = np.zeros(2)
@@ -94,11 +83,11 @@ class NetTraining:
             pushes: list[torch.Tensor | None] = [None, None]
             if inputs is not None:
                 net, out = inputs.cpu().numpy(), self._gradient.numpy()
-                policy_gradient(rows, net, self._form, self._sampled, self._terms, out, self._sums)
+                kernels.policy_gradient(rows, net, self._form, self._sampled, self._terms, out, self._sums)
                 pushes[0] = self._gradient.to(device)
             if values is not None:
                 net, out = values.cpu().numpy(), self._value_gradient.numpy()
-                value_gradient(rows, net, self._batch.targets, self._terms, out, self._value_sums)
+                kernels.value_gradient(rows, net, self._batch.targets, self._terms, out, self._value_sums)
                 pushes[1] = self._value_gradient.to(device)
             gradients = way.backward((pushes[0], pushes[1]))
             if self._clip_gradients is not None:
@@ -114,14 +103,14 @@ class NetTraining:
         terms, count = self._terms, self._order.shape[1]
         found = {TOTAL: 0.0}
         if policy:
-            surrogate, entropy, divergence = (float(self._sums[place]) / count for place in (SURROGATE, ENTROPY, KL))
+            surrogate, entropy, divergence = (self._sums / count).tolist()
             found[TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
             found[POLICY_LOSS_KEY] = -surrogate
             found[ENTROPY_KEY] = entropy
             found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
         if values is not None:
             targets = self._batch.targets[self._order[-1]]
-            clipped, unclipped = (float(self._value_sums[place]) / count for place in (CLIPPED, UNCLIPPED))
+            clipped, unclipped = (self._value_sums / count).tolist()
             found[TOTAL] += terms.value * clipped
             found[VF_LOSS_KEY] = clipped
             found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
@@ -138,13 +127,13 @@ def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
     return found
 
 
-def _form_of(distribution: Any) -> Form:
+def _form_of(distribution: Any) -> kernels.Form:
     """Return the form of a distribution, Gaussian if it is None."""
     if isinstance(distribution, Categorical):
-        return Form(0, distribution.sizes)
+        return kernels.Form(0, distribution.sizes)
     hurdle = isinstance(distribution, Hurdle)
     sizes = [distribution.choices] if hurdle and distribution.choices else []
-    return Form(int(hurdle), np.array(sizes, dtype=np.int64))
+    return kernels.Form(int(hurdle), np.array(sizes, dtype=np.int64))
 
 
 def _explained(targets: AnyArray, values: AnyArray) -> float:

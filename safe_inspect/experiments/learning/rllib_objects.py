@@ -13,7 +13,7 @@ from ray.rllib.utils import replay_buffers
 
 from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
-from safe_inspect.experiments.settings.objects import built, mistake, named
+from safe_inspect.experiments.settings.objects import built_as, mistake, named
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -36,11 +36,8 @@ class ConnectorsOf:
         Raises:
             ConfigError: There is no such class, it rejects its `config`, or it is not a connector.
         """
-        made = [built(entry, self._where) for entry in self._entries]
-        for entry, connector in zip(self._entries, made, strict=True):
-            if not isinstance(connector, ConnectorV2):
-                raise mistake(f"{entry['functor']!r} is not a ConnectorV2 of RLlib", self._where)
-        return made
+        kind: Any = ConnectorV2
+        return [built_as(kind, "a ConnectorV2 of RLlib", entry, self._where) for entry in self._entries]
 
 
 def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:

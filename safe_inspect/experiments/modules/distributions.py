@@ -18,17 +18,9 @@ from ray.rllib.core.distribution.torch.torch_distribution import (
     TorchSquashedGaussian,
 )
 
-from safe_inspect.environments.layout import Layout
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy
 from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, SquashedGaussian
 from safe_inspect.random.hurdle_draws import Hurdle
-
-
-def distribution_of(layout: Layout) -> Distribution:
-    """Return the distribution of a policy whose action has the given layout."""
-    if layout.choices:
-        return Categorical(layout.choices)
-    return Gaussian(layout.size) if layout.coast is None else Hurdle(layout.size - 1, len(layout.coast.durations))
 
 
 def distribution_of_module(module: Any) -> Distribution | None:

@@ -21,6 +21,7 @@ from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
@@ -40,7 +41,6 @@ from safe_inspect.experiments.modules.saved_policy import (
     choices_of,
     load_arrays,
 )
-from safe_inspect.experiments.settings.policies import PolicySettings
 from safe_inspect.random.action_draws import NO_NOISE
 
 _HIDDEN_GAIN = math.sqrt(2.0)
@@ -198,7 +198,7 @@ def policy_spec(
         starting_weights(own["initial_weights"], {INFO: info})  # raises errors here and not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
-    settings = {**dataclasses.asdict(known), **own, INFO: info}
+    settings = {**dataclasses.asdict(known), **({} if algorithm == "SAC" else own), INFO: info}
     if algorithm == "DQN":
         settings = dataclasses.asdict(known)
         if info:
@@ -234,7 +234,7 @@ class FrozenPolicy(FreshPolicy):
         return outputs
 
 
-def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
+def frozen_spec(policy: PolicySpec) -> RLModuleSpec:
     """Return RLlib's specification of a policy that is loaded from a checkpoint."""
     folder = _source(policy)
     weights = read_weights(folder)
@@ -246,7 +246,7 @@ def frozen_spec(policy: PolicySettings) -> RLModuleSpec:
     )
 
 
-def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> None:
+def check_frozen(policies: Mapping[str, PolicySpec], groups: Sequence[AgentGroup]) -> None:
     """Check that each policy that is loaded from a checkpoint exists and matches its agents.
 
     Raises:
@@ -278,5 +278,5 @@ def check_frozen(policies: Mapping[str, PolicySettings], groups: Sequence[AgentG
                 check_layout(str(policy.checkpoint), weights.info, replace(group.agent, name=agent))
 
 
-def _source(policy: PolicySettings) -> Path:
+def _source(policy: PolicySpec) -> Path:
     return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)

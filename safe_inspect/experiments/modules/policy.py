@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
+import tree  # type: ignore[import-untyped,import-not-found,unused-ignore]
 from numpy.typing import NDArray
 from ray.rllib.core.columns import Columns
 
@@ -75,7 +76,12 @@ class TrainedPolicy:
             self._memory = None
         elif self._memory is not None:
             fresh = _for_rows(self.module.get_initial_state(), self._rows)
-            self._memory = _replaced(self._memory, fresh, torch.tensor(rows))
+            starts = torch.tensor(rows)
+            self._memory = tree.map_structure(
+                lambda held, new: torch.where(starts.reshape(-1, *(1,) * (held.dim() - 1)), new, held),
+                self._memory,
+                fresh,
+            )
 
     def inputs(self, observation: NDArray[np.float32]) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (R, I), for observations (R, O).
@@ -130,17 +136,7 @@ def _one_thread() -> Iterator[None]:
 
 def _for_rows(state: Any, count: int) -> Any:
     """Return the initial state of a recurrent module, repeated for each row, with the same nesting."""
-    if isinstance(state, Mapping):
-        return {name: _for_rows(value, count) for name, value in state.items()}
-    row = torch.as_tensor(state)
-    return row.expand(count, *row.shape)
-
-
-def _replaced(state: Any, fresh: Any, rows: torch.Tensor) -> Any:
-    """Return a nested state in which the rows of a mask, shape (R,), are replaced by those of another state."""
-    if isinstance(state, Mapping):
-        return {name: _replaced(value, fresh[name], rows) for name, value in state.items()}
-    return torch.where(rows.reshape(-1, *(1,) * (state.dim() - 1)), fresh, state)
+    return tree.map_structure(lambda value: torch.as_tensor(value).expand(count, *value.shape), state)
 
 
 def trained_policy(

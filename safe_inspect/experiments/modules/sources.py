@@ -28,7 +28,7 @@ from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.files.checkpoints import (
-    SEAL,
+    checkpoint_hash,
     configuration_of,
     newest_checkpoint,
     policy_folder,
@@ -186,7 +186,7 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
     if importlib.util.find_spec("onnxruntime") is None:  # the package contains the weights for Torch too
         flying = _checkpoint_policies(shipped.checkpoint, experiment.spec, wanted)
-        source = _source(text, "shipped", shipped.folder, _checkpoint_hash(shipped.checkpoint))
+        source = _source(text, "shipped", shipped.folder, checkpoint_hash(shipped.checkpoint))
         return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
@@ -247,7 +247,7 @@ def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
     experiment = wanted.load(cfg)
     policies = _checkpoint_policies(folder, experiment.spec, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
-    source = _source(text, "checkpoint", folder.absolute(), _checkpoint_hash(folder))
+    source = _source(text, "checkpoint", folder.absolute(), checkpoint_hash(folder))
     return Candidate(f"{run}/{folder.name}", source, experiment, experiment.spec, policies)
 
 
@@ -283,16 +283,6 @@ def _checkpoint_policies(path: Path, spec: EnvironmentSpec, wanted: Wanted) -> d
         for name in dict.fromkeys(chosen.values())
     }
     return {agent: loaded[name] for agent, name in chosen.items()}
-
-
-def _checkpoint_hash(checkpoint: Path) -> str:
-    """Return the hash of a checkpoint's files, by name and content, without its seal."""
-    found = hashlib.sha256()
-    for path in sorted(checkpoint.rglob("*")):
-        if path.is_file() and not path.name.startswith(SEAL):
-            found.update(path.relative_to(checkpoint).as_posix().encode())
-            found.update(path.read_bytes())
-    return found.hexdigest()
 
 
 def _chosen(path: Path, agent: AgentSpec) -> str:

@@ -9,7 +9,8 @@ shipped settings (nets of 256 and 256 units, minibatches of 500) takes 1.3 to 1.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -175,7 +176,8 @@ SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_e
 TRAINING = ("forward_train", "_forward_train", "compute_values")
 
 
-class PlainLayers(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class PlainLayers:
     """A net whose outputs are ``head(body(observations))``.
 
     Attributes:
@@ -184,7 +186,17 @@ class PlainLayers(NamedTuple):
     """
 
     body: torch.nn.Sequential
-    head: torch.nn.Module
+    head: Any
+
+    def __call__(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return the outputs, shape (R, I), for observations, shape (R, O)."""
+        outputs: torch.Tensor = self.head(self.body(observations))
+        return outputs
+
+    @property
+    def limit(self) -> float | None:
+        """Largest magnitude of the logarithms of standard deviations; None for no limit."""
+        return float(self.head.log_std_clip_param) if self.head.clip_log_std else None
 
     @property
     def whole(self) -> bool:

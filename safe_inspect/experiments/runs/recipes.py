@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.files.learning_configuration import digest
+from safe_inspect.experiments.files.learning_configuration import digest, without
 from safe_inspect.experiments.files.run_folder import RunFolder, read_run_record, value_text
 from safe_inspect.experiments.settings.translation import current_name
 
@@ -94,7 +94,7 @@ def _configuration(progress: Path) -> Mapping[str, Any]:
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
-    configuration: Mapping[str, Any] = _without_seed(read_run_record(run)["configuration"])
+    configuration: Mapping[str, Any] = without(read_run_record(run)["configuration"], {"seed"})
     return configuration
 
 
@@ -108,12 +108,6 @@ def _stem(progress: Path) -> str:
     """Return the name of a run's folder (see `_name`) without the date of the run."""
     run, *trial = _name(progress).split(" trial_")
     return " trial_".join([_DATE.sub("", run), *trial])
-
-
-def _without_seed(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _without_seed(item) for key, item in value.items() if key != "seed"}
-    return [_without_seed(item) for item in value] if isinstance(value, list) else value
 
 
 def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:

@@ -13,7 +13,7 @@ from safe_inspect.config.spec import PolicySpec
 from safe_inspect.experiments.files.weights import INFO, initial_weights, starting_weights
 from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import PolicySettings, read_policies
+from safe_inspect.experiments.settings.policies import read_policies
 from safe_inspect.experiments.settings.policy_info import policy_info
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import (
@@ -64,31 +64,18 @@ class Settings:
         tune: Settings of Tune.
         ray: Settings of Ray.
         policies: The policies by name if there are several agents.
-        policy_notes: Notes on translated or dropped keys of the policies.
-        policy_problems: Problems of the policies' keys.
         trials: The trials that Tune trains, one or several; empty if there are problems in `rllib` or `tune`.
-        trial_problems: Problems of single combinations of searched values.
+        notes: All notes on translated or dropped keys.
+        problems: All problems, including those of single combinations of searched values.
     """
 
     rllib: TranslatedSettings
     tune: TranslatedSettings
     ray: TranslatedSettings
-    policies: Mapping[str, PolicySettings] = field(default_factory=dict)
-    policy_notes: tuple[str, ...] = ()
-    policy_problems: tuple[errors.Problem, ...] = ()
+    policies: Mapping[str, PolicySpec] = field(default_factory=dict)
     trials: tuple[Trial, ...] = ()
-    trial_problems: tuple[errors.Problem, ...] = ()
-
-    @property
-    def problems(self) -> tuple[errors.Problem, ...]:
-        """All problems."""
-        own = self.rllib.problems + self.trial_problems
-        return own + self.policy_problems + self.tune.problems + self.ray.problems
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """All notes on translated or dropped keys."""
-        return self.rllib.notes + self.policy_notes + self.tune.notes + self.ray.notes
+    notes: tuple[str, ...] = ()
+    problems: tuple[errors.Problem, ...] = ()
 
     @property
     def single(self) -> bool:
@@ -119,13 +106,22 @@ def read_settings(
     found, notes, problems = read_policies(policies, translated.settings["algorithm"])
     problems += _unreadable_weights("rllib_configs", translated.settings)
     for name, policy in found.items():
-        problems += _unreadable_weights(f"policies.{name}", policy.settings)
+        problems += _unreadable_weights(f"policies.{name}", policy.config)
     trials: tuple[Trial, ...] = ()
     wrong: list[errors.Problem] = []
     if not translated.problems and not tuned.problems:
         problems += search_problems(searches_of(translated.settings), tuned.settings.get("search_alg") is not None)
         trials, wrong = trials_of(rllib, translated, algorithm, tuned.settings["num_samples"])
-    return Settings(translated, tuned, translate_ray(ray), found, tuple(notes), tuple(problems), trials, tuple(wrong))
+    joined = translate_ray(ray)
+    return Settings(
+        translated,
+        tuned,
+        joined,
+        found,
+        trials,
+        (*translated.notes, *notes, *tuned.notes, *joined.notes),
+        (*translated.problems, *wrong, *problems, *tuned.problems, *joined.problems),
+    )
 
 
 def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.Problem]:
@@ -149,7 +145,7 @@ def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Pro
     agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     common, problems = settings.trials[0].rllib.settings.get("model_config", {}), []
     for name, policy in experiment.policies.items():
-        own = settings.policies[name].settings.get("model_config", {}) if name in settings.policies else {}
+        own = settings.policies[name].config.get("model_config", {}) if name in settings.policies else {}
         source = {**common, **own}.get("initial_weights")
         if source is None or not policy.trains:
             continue

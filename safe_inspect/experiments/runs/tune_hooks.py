@@ -57,7 +57,6 @@ class Monitor:
         self.start, self.single = start, single
         self.interrupted = False
         self.last: dict[str, float] = {}
-        self.iterations = 0
         self.best: Path | None = None
         self._logs: dict[str, TrainingLog] = {}
         self._lines: dict[str, TrainingProgress] = {}
@@ -76,7 +75,6 @@ class Monitor:
         flat = flatten(result)
         if not self.single:
             flat["seed"] = float(result["config"]["env_config"]["seed"])  # the seed of a resumed algorithm differs
-        self.iterations += 1
         self.last = flat
         if trial not in self._logs:
             start = self.start or Checkpoint(self.folder.path, 0)

@@ -17,7 +17,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.tune.schedulers import TrialScheduler
 from ray.tune.search import Searcher
 
-from safe_inspect.experiments.settings.objects import built, mistake
+from safe_inspect.experiments.settings.objects import built_as, mistake
 from safe_inspect.experiments.settings.values import DRAWN, GRID
 
 #: The default metric by which trials are ranked.
@@ -33,15 +33,8 @@ def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     Raises:
         ConfigError: There is no such class, it rejects its `config`, or it is not a scheduler.
     """
-    entry = settings.get("scheduler")
-    if entry is None:
-        return None
-    made = built(entry, "tune_config.scheduler")
-    if not isinstance(made, TrialScheduler):
-        raise mistake(
-            f"{entry['functor']!r} is not a scheduler of ray.tune; name a TrialScheduler", "tune_config.scheduler"
-        )
-    return made
+    entry, what = settings.get("scheduler"), "a scheduler of ray.tune; name a TrialScheduler"
+    return None if entry is None else built_as(TrialScheduler, what, entry, "tune_config.scheduler")
 
 
 def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> Suggestions | None:
@@ -58,9 +51,7 @@ def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> 
     if entry is None:
         return None
     where = "tune_config.search_alg"
-    made = built(entry, where)
-    if not isinstance(made, Searcher):
-        raise mistake(f"{entry['functor']!r} is not a searcher of ray.tune; name a Searcher", where)
+    made = built_as(Searcher, "a searcher of ray.tune; name a Searcher", entry, where)
     own = entry["config"]
     logging.getLogger("optuna").setLevel(logging.WARNING)  # optuna logs a line for each study
     try:
@@ -97,10 +88,8 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     """
     found = []
     for index, entry in enumerate(settings.get("callbacks") or ()):
-        where = f"tune_config.callbacks[{index}]"
-        made = built(entry, where)
-        if not isinstance(made, tune.Callback):
-            raise mistake(f"{entry['functor']!r} is not a ray.tune.Callback; give RLlib's among the RLlib keys", where)
+        where, what = f"tune_config.callbacks[{index}]", "a ray.tune.Callback; give RLlib's among the RLlib keys"
+        made = built_as(tune.Callback, what, entry, where)
         cast(Any, made).setup = _Setup(made.setup, str(entry["functor"]), where)
         found.append(made)
     return found

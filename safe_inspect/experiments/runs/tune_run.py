@@ -19,28 +19,9 @@ from safe_inspect.experiments.files.checkpoints import Checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder, parameters_text
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
 from safe_inspect.experiments.modules.fresh_policy import check_frozen
-from safe_inspect.experiments.runs import cluster
+from safe_inspect.experiments.runs import cluster, tune_hooks, tune_objects
 from safe_inspect.experiments.runs.progress import flatten
 from safe_inspect.experiments.runs.trials import write_trial
-from safe_inspect.experiments.runs.tune_hooks import (
-    Monitor,
-    RunCallback,
-    RunStopper,
-    folder_name,
-    monitored,
-    read_failure,
-)
-from safe_inspect.experiments.runs.tune_objects import (
-    callbacks_of,
-    check_objects,
-    figure_of,
-    making,
-    mode_of,
-    ranking,
-    scheduler_of,
-    search_space,
-    suggestions_of,
-)
 from safe_inspect.experiments.sampling import environment
 from safe_inspect.experiments.settings.environments import environment_settings
 from safe_inspect.experiments.settings.policies import check_layouts
@@ -70,7 +51,7 @@ def check(run: TrainingRun, settings: Settings) -> None:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
     configs = _bare_configs(run, settings)
-    check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
+    tune_objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
     processors = settings.ray.settings.get("num_cpus")
     if processors:
         cluster.check_size(max(map(claimed_processors, configs)), processors)
@@ -89,7 +70,7 @@ def run_tune(
     digest: str,
     start: Checkpoint | None,
     stream: TextIO,
-) -> Monitor:
+) -> tune_hooks.Monitor:
     """Train until a limit is reached, and return the monitor, which contains the last iteration.
 
     Args:
@@ -125,7 +106,7 @@ def run_tune(
             raise SafeInspectError(f"{trial.name} with {parameters_text(values)} cannot train: {error}") from None
 
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
-    monitor = Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
+    monitor = tune_hooks.Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"continues after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:
@@ -143,8 +124,8 @@ def run_tune(
     with (
         monitor.heartbeat,
         cluster.ray_cluster(settings.ray.settings, processors, folder),
-        monitored(monitor),
-        making(suggested),
+        tune_hooks.monitored(monitor),
+        tune_objects.making(suggested),
     ):
         _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)
@@ -152,7 +133,7 @@ def run_tune(
         results = tuner.fit()
         failed = next(iter(results.errors), None)
         if failed is not None:
-            _raise_failure(read_failure(folder.failure), failed)
+            _raise_failure(tune_hooks.read_failure(folder.failure), failed)
     monitor.best = (_best if settings.single else _best_trial)(results, settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
         raise CheckpointError(f"{start.path}: the training did not continue from the checkpoint")
@@ -170,16 +151,11 @@ def _config(
     experiment = run.experiment
     if not settings.single:
         experiment = experiment_of(experiment, trial)
-        number = len(
-            run_folder.read_run_record(RunFolder(folder.trials / trial.name))["attempts"]
-        )  # attempts of this trial
+        record = run_folder.read_run_record(RunFolder(folder.trials / trial.name))
+        number = len(record["attempts"])
     more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
     if start is not None:
-        more["continue_from"] = {
-            "path": str(start.path),
-            "iteration": start.iteration,
-            "seconds": start.seconds,
-        }
+        more["continue_from"] = {"path": str(start.path), "iteration": start.iteration, "seconds": start.seconds}
     environments = environment_settings(experiment, trial.rllib.settings, **more)
     config = build_config(trial.rllib, environments, settings.policies)
     if number and isinstance(config.seed, int):
@@ -200,8 +176,8 @@ def _tuner(
     """
     os.environ["TUNE_DISABLE_STRICT_METRIC_CHECKING"] = "1"  # there is no mean return before the first episode ends
     chosen = settings.tune.settings
-    suggestions = suggestions_of(chosen, searches_of(settings.rllib.settings))
-    space: Any = {} if suggestions else configs[0] if settings.single else search_space(configs)
+    suggestions = tune_objects.suggestions_of(chosen, searches_of(settings.rllib.settings))
+    space: Any = {} if suggestions else configs[0] if settings.single else tune_objects.search_space(configs)
     algorithm = settings.rllib.settings["algorithm"]
     if resumed and not settings.single:
         if not (folder.trials / "tuner.pkl").is_file():
@@ -219,19 +195,19 @@ def _tuner(
         tune_config=tune.TuneConfig(
             max_concurrent_trials=chosen.get("max_concurrent_trials"),
             time_budget_s=chosen.get("time_budget_s"),
-            scheduler=scheduler_of(chosen),
+            scheduler=tune_objects.scheduler_of(chosen),
             search_alg=suggestions,
             num_samples=chosen["num_samples"] if suggestions else 1,
-            **ranking(chosen),
+            **tune_objects.ranking(chosen),
             reuse_actors=False,  # reuse saves a second between trials, but carries state from one trial to the next
-            trial_dirname_creator=folder_name,
+            trial_dirname_creator=tune_hooks.folder_name,
         ),
         run_config=tune.RunConfig(
             name=f"{number:03d}" if settings.single else folder.trials.name,
             storage_path=str(folder.tune if settings.single else folder.path),
-            stop=RunStopper(),
+            stop=tune_hooks.RunStopper(),
             verbose=0,
-            callbacks=[RunCallback(), *callbacks_of(chosen)],
+            callbacks=[tune_hooks.RunCallback(), *tune_objects.callbacks_of(chosen)],
             failure_config=tune.FailureConfig(max_failures=chosen["max_failures"]),
             checkpoint_config=tune.CheckpointConfig(
                 num_to_keep=chosen["num_to_keep"],
@@ -247,7 +223,7 @@ def _tuner(
 def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
     """Return the folder of the best trial of a search; None if no trial has the metric that ranks trials."""
     try:
-        return Path(results.get_best_result(figure_of(chosen), mode_of(chosen)).path)
+        return Path(results.get_best_result(tune_objects.figure_of(chosen), tune_objects.mode_of(chosen)).path)
     except RuntimeError:
         return None
 

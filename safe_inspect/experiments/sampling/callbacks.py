@@ -16,7 +16,7 @@ from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.rollout import Rollout
 from safe_inspect.experiments.sampling.sampler import AgentSlot, agents_by_policy
-from safe_inspect.experiments.sampling.training_env import TrainingEnv
+from safe_inspect.experiments.sampling.stock_envs import TrainingEnv
 
 #: Values of an episode that are logged under RLlib's names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})

@@ -123,26 +123,12 @@ class _Batched:
             self.env = None
             self.make_env()
 
-    def _sample(
-        self,
-        *,
-        num_timesteps: int | None = None,
-        num_episodes: int | None = None,
-        explore: bool,
-        random_actions: bool = False,
-        force_reset: bool = False,
-    ) -> list[Any]:
+    def _sample(self, **options: Any) -> list[Any]:
         if self._stock:
-            found: list[Any] = super()._sample(  # type: ignore[misc]
-                num_timesteps=num_timesteps,
-                num_episodes=num_episodes,
-                explore=explore,
-                random_actions=random_actions,
-                force_reset=force_reset,
-            )
+            found: list[Any] = super()._sample(**options)  # type: ignore[misc]
             return found
         with Reported(self.config.env_config):
-            rollout = self._roll(num_timesteps, num_episodes, explore, random_actions, force_reset)
+            rollout = self._roll(**options)
         self._count(rollout)
         episodes = self._sampler.environment.simulation.episodes  # type: ignore[union-attr]
         names = [
@@ -151,7 +137,15 @@ class _Batched:
         ]
         return self._episodes(rollout, names)
 
-    def _roll(self, steps: int | None, episodes: int | None, explore: bool, random: bool, force: bool) -> Rollout:
+    def _roll(
+        self,
+        *,
+        explore: bool,
+        num_timesteps: int | None = None,
+        num_episodes: int | None = None,
+        random_actions: bool = False,
+        force_reset: bool = False,
+    ) -> Rollout:
         if self._sampler is None:
             make: Any = Sampler
             if self.env.team.decides:
@@ -165,13 +159,13 @@ class _Batched:
             )
         assert self._sampler is not None
         lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
-        if steps is None:
+        if num_timesteps is None:
             self._needs_initial_reset = True
-            return self._sampler.roll_episodes(episodes or 0, explore, random, lifetime)
-        if force or self._needs_initial_reset:
+            return self._sampler.roll_episodes(num_episodes or 0, explore, random_actions, lifetime)
+        if force_reset or self._needs_initial_reset:
             self._sampler.reset()
             self._needs_initial_reset = False
-        return self._sampler.roll(-(-steps // self.num_envs), explore, random, lifetime)
+        return self._sampler.roll(-(-num_timesteps // self.num_envs), explore, random_actions, lifetime)
 
     def _count(self, rollout: Rollout) -> None:
         """Log the steps and the episodes of a sample."""
@@ -214,13 +208,20 @@ class _Batched:
         assert self.module is not None
 
     def _policy_of(self, agent: str) -> str:
-        raise NotImplementedError
+        return str(self.config.policy_mapping_fn(agent, None) if self.several else DEFAULT_MODULE_ID)
 
     def _module_of(self, policy: str) -> Any:
-        raise NotImplementedError
+        return self.module[policy] if self.several else self.module
 
     def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
-        raise NotImplementedError
+        if not self.several:
+            (slot,) = self.agent_slots
+            return single_agent_episodes(rollout, slot, self.env.by_agent[slot.agent], names, self._weights_seq_no)
+        trained = self.config.policies_to_train
+        slots = [slot for slot in self.agent_slots if trained is None or slot.policy in trained]
+        return multi_agent_episodes(
+            rollout, slots, self.env.by_agent, names, self._weights_seq_no, self.config.policy_mapping_fn
+        )
 
 
 class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
@@ -228,31 +229,8 @@ class BatchedEnvRunner(_Batched, SingleAgentEnvRunner):  # type: ignore[misc]
 
     several = False
 
-    def _policy_of(self, agent: str) -> str:
-        return str(DEFAULT_MODULE_ID)
-
-    def _module_of(self, policy: str) -> Any:
-        return self.module
-
-    def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
-        (slot,) = self.agent_slots
-        return single_agent_episodes(rollout, slot, self.env.by_agent[slot.agent], names, self._weights_seq_no)
-
 
 class BatchedTeamRunner(_Batched, MultiAgentEnvRunner):  # type: ignore[misc]
     """Batched runner for several agents in N environments."""
 
     several = True
-
-    def _policy_of(self, agent: str) -> str:
-        return str(self.config.policy_mapping_fn(agent, None))
-
-    def _module_of(self, policy: str) -> Any:
-        return self.module[policy]
-
-    def _episodes(self, rollout: Rollout, names: list[str]) -> list[Any]:
-        trained = self.config.policies_to_train
-        slots = [slot for slot in self.agent_slots if trained is None or slot.policy in trained]
-        return multi_agent_episodes(
-            rollout, slots, self.env.by_agent, names, self._weights_seq_no, self.config.policy_mapping_fn
-        )

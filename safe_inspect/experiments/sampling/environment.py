@@ -23,11 +23,6 @@ from safe_inspect.plugins.registry import import_user_module
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
 
 
-def _make_environment(experiment: Mapping[str, Any], num_envs: int, seed: int, first_slot: int) -> TeamEnvironment:
-    """Build the environments of a resolved configuration."""
-    return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=first_slot)
-
-
 def require_steps(team: TeamEnvironment) -> None:
     """Check that decisions last one control step, as RLlib's stock runner requires.
 
@@ -39,13 +34,6 @@ def require_steps(team: TeamEnvironment) -> None:
             "decisions that last several steps (CoastGlue) need the batched runner; remove the keys that select "
             "RLlib's stock runner, such as `env_runner: stock`"
         )
-
-
-def _find_maker(path: str) -> EnvironmentMaker:
-    """Return the function that ``module:function`` names."""
-    module, _, function = path.partition(":")
-    maker: EnvironmentMaker = getattr(import_user_module(module), function)
-    return maker
 
 
 def first_slot(worker_index: int, num_envs: int) -> int:
@@ -88,10 +76,13 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
         evaluation: Whether they are used for the evaluation.
     """
     path = config.get("maker", DEFAULT_MAKER)
-    maker = _find_maker(path) if path else _make_environment
-    experiment = experiment_in(config)
+    module, _, function = path.partition(":")
+    maker: EnvironmentMaker | None = getattr(import_user_module(module), function) if path else None
+    experiment, seed = experiment_in(config), seed_of(config, evaluation)
     with Reported(config):
-        return maker(experiment, num_envs, seed_of(config, evaluation), slot)
+        if maker is None:
+            return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=slot)
+        return maker(experiment, num_envs, seed, slot)
 
 
 class Reported:

@@ -10,7 +10,7 @@ import torch
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.experiments.modules.distributions import distribution_of_module
-from safe_inspect.experiments.modules.tanh_net import SAMPLING, PlainLayers, TanhNet, linear_layers, policy_layers
+from safe_inspect.experiments.modules.tanh_net import SAMPLING, TanhNet, linear_layers, policy_layers
 from safe_inspect.types import AnyArray
 
 #: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.
@@ -41,8 +41,8 @@ class PolicyNet:
         #: The observations of the next call, float32, shape (rows, O).
         self.observations: AnyArray = batch.numpy()[:rows]
         self._plain = self._plain_layers()
-        #: The action distribution of the module; None if it is not supported.
-        self.distribution = distribution_of_module(module)
+        #: The action distribution of the module, which is one of those that are supported.
+        self.distribution: Any = distribution_of_module(module)
 
     def __call__(self, explore: bool, step: int) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (rows, I).
@@ -63,21 +63,15 @@ class PolicyNet:
         return found
 
     def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
-        """Return the policy's layers as a function; None if the module's outputs are not those of plain layers."""
+        """Return the policy's layers as a function; None if its outputs are not those of plain layers.
+
+        The learner's tanh needs widths that are multiples of the processor's vectors, so that the result of a row does
+        not depend on its index.
+        """
         found = policy_layers(self._module, SAMPLING)
-        if found is None:
-            return None
-        quick = _quick(found, len(self._batch)) if self._remote is None else None
-        return quick or (lambda batch: found.head(found.body(batch)))
-
-
-def _quick(found: PlainLayers, rows: int) -> Callable[[torch.Tensor], torch.Tensor] | None:
-    """Return the policy's net with the learner's tanh; None if it has another activation or unsuitable widths.
-
-    The widths must be multiples of the processor's vectors, so that the result of a row does not depend on its index.
-    """
-    head: Any = found.head
-    layers = linear_layers(found.body, head.net.mlp) if found.whole else None
-    if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
-        return None
-    return TanhNet(layers, rows, float(head.log_std_clip_param) if head.clip_log_std else None).forward
+        if found is None or self._remote is not None:
+            return found
+        layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
+        if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
+            return found
+        return TanhNet(layers, len(self._batch), found.limit).forward

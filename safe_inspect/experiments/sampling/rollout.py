@@ -208,14 +208,15 @@ class Rollout:
     def _cut(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> None:
         starts, lengths = self._parts(env, stop)
         ends = self._terminated[:, env].tolist(), self._truncated[:, env].tolist()
-        spans = tuple(map(Span, starts.tolist(), lengths.tolist(), *ends))
+        spans = tuple(map(Span, starts, lengths, *ends))
         self.pieces.append(Piece(env, int(self._start[env]), stop, int(self._begun[env]), episode, spans, finals))
 
-    def _parts(self, env: int, stop: int) -> tuple[IntArray, IntArray]:
-        """Return the index of the first step of each agent in the current piece and the number of its steps, (K,)."""
-        ended, start = self.ended[:, env], self._start[env]
-        lengths = np.where(self._flying[:, env], np.where(ended >= 0, ended, stop) - start, 0)
-        return np.full(len(ended), start), lengths
+    def _parts(self, env: int, stop: int) -> tuple[list[int], list[int]]:
+        """Return the index of the first step of each agent in the current piece, and the number of its steps."""
+        start, ends = int(self._start[env]), self.ended[:, env].tolist()
+        flying = self._flying[:, env].tolist()
+        lengths = [(end if end >= 0 else stop) - start if flies else 0 for end, flies in zip(ends, flying, strict=True)]
+        return [start] * len(ends), lengths
 
 
 class DecisionRollout(Rollout):
@@ -241,6 +242,7 @@ class DecisionRollout(Rollout):
             track.starts[:, env] = track.counts[:, env]
         return kept
 
-    def _parts(self, env: int, stop: int) -> tuple[IntArray, IntArray]:
-        starts = np.concatenate([track.starts[:, env] for track in self.tracks])
-        return starts, np.concatenate([track.counts[:, env] for track in self.tracks]) - starts
+    def _parts(self, env: int, stop: int) -> tuple[list[int], list[int]]:
+        starts = [start for track in self.tracks for start in track.starts[:, env].tolist()]
+        counts = [count for track in self.tracks for count in track.counts[:, env].tolist()]
+        return starts, [count - start for count, start in zip(counts, starts, strict=True)]

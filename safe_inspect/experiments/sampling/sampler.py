@@ -14,7 +14,6 @@ from safe_inspect.environments.accumulator import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.modules.distributions import distribution_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
@@ -83,7 +82,6 @@ class Sampler:
     ) -> None:
         self.environment = environment
         self.agent_slots = slots
-        self.seed, self.first_slot = seed, first_slot
         count = environment.num_envs
         self._seed = np.uint64(seed)
         self._slots = np.arange(first_slot, first_slot + count, dtype=np.uint64)
@@ -164,10 +162,8 @@ class Sampler:
         Raises:
             SafeInspectError: The policies of its agents have different distributions.
         """
-        found = {
-            slot.policy: getattr(self._nets[slot.policy], "distribution", None)
-            for slot in self.agent_slots
-            if slot.group == group
+        found: dict[str, Distribution] = {
+            slot.policy: self._nets[slot.policy].distribution for slot in self.agent_slots if slot.group == group
         }
         first, *others = found.values()
         if any(type(other) is not type(first) for other in others):
@@ -175,7 +171,7 @@ class Sampler:
                 f"the policies {', '.join(found)} control equal agents with different action distributions; give "
                 "`hurdle` to all of them or to none"
             )
-        return first or distribution_of(self.environment.acting[group].action_layout)
+        return first
 
     def _rollout(self, steps: int, wanted: IntArray | None = None) -> Any:
         return Rollout(self._sizes, steps, self._step.copy(), self._flying.copy(), wanted)

@@ -12,7 +12,7 @@ from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.values import check_value, is_searched
 
 
-@dataclass(frozen=True)
+@dataclass
 class TranslatedSettings:
     """Settings translated from a mapping of an experiment.
 
@@ -25,9 +25,9 @@ class TranslatedSettings:
     """
 
     settings: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()
-    unchecked: tuple[str, ...] = ()
+    notes: list[str] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+    unchecked: list[str] = field(default_factory=list)
     given: frozenset[str] = frozenset()
 
 
@@ -70,10 +70,8 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
         path: Name of the mapping, with which the paths of problems begin.
         tables: The tables of its keys.
     """
-    settings: dict[str, Any] = {}
-    notes: list[str] = []
-    problems: list[Problem] = []
-    unchecked: list[str] = []
+    found = TranslatedSettings()
+    settings, notes, problems = found.settings, found.notes, found.problems
     source: dict[str, str] = {}
     for given, value in mapping.items():
         where = f"{path}.{given}"
@@ -96,7 +94,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
                 problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
             elif tables.open and (name.isidentifier() if tables.names is None else name in tables.names):
                 settings[name] = value
-                unchecked.append(name)
+                found.unchecked.append(name)
             else:
                 names = [*tables.known, *tables.renamed, *(tables.names or ())]
                 problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
@@ -122,7 +120,8 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             settings[name] = {**settings[name], **value}
         else:
             settings[name] = value
-    return TranslatedSettings(settings, tuple(notes), tuple(problems), tuple(unchecked), frozenset(settings))
+    found.given = frozenset(settings)
+    return found
 
 
 def _refusal(name: str, tables: KeyTables) -> str:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from safe_inspect.errors import ConfigError, Problem, RegistryError
 from safe_inspect.plugins.registry import import_user_module
+
+T = TypeVar("T")
 
 
 def built(value: Any, where: str) -> Any:
@@ -31,6 +33,24 @@ def built(value: Any, where: str) -> Any:
         return maker(**config)
     except Exception as error:  # code of the user or of Ray, which may raise any error
         raise mistake(f"{value['functor']} rejects its `config`: {error}", where) from error
+
+
+def built_as(kind: type[T], what: str, entry: Mapping[str, Any], where: str) -> T:
+    """Return the object that `{functor: ..., config: {...}}` names, see `built`.
+
+    Args:
+        kind: The class of which it must be an instance.
+        what: What it must be, for error messages.
+        entry: The mapping.
+        where: Path of the key, for error messages.
+
+    Raises:
+        ConfigError: The class does not exist, rejects its `config`, or is not of the kind.
+    """
+    made = built(entry, where)
+    if not isinstance(made, kind):
+        raise mistake(f"{entry['functor']!r} is not {what}", where)
+    return made
 
 
 def named(path: str, where: str) -> Callable[..., Any]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,33 +17,9 @@ from safe_inspect.experiments.settings.translation import translate_policy
 SINGLE = "default_policy"
 
 
-@dataclass(frozen=True)
-class PolicySettings:
-    """Settings of one of several policies.
-
-    Attributes:
-        name: Its name, which is also the name of its RLlib module.
-        agents: The agents that it controls.
-        settings: Its own RLlib settings, which override those of all policies; `model_config` is a nested mapping.
-        checkpoint: Folder of the checkpoint from which it is loaded; None if it learns.
-        source_policy: Its name in that checkpoint; None if the checkpoint contains only one policy.
-    """
-
-    name: str
-    agents: tuple[str, ...]
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    checkpoint: str | None = None
-    source_policy: str | None = None
-
-    @property
-    def trains(self) -> bool:
-        """Whether it learns."""
-        return self.checkpoint is None
-
-
 def read_policies(
     policies: Iterable[PolicySpec], algorithm: str
-) -> tuple[dict[str, PolicySettings], list[str], list[Problem]]:
+) -> tuple[dict[str, PolicySpec], list[str], list[Problem]]:
     """Translate the settings of each policy.
 
     Args:
@@ -52,11 +27,11 @@ def read_policies(
         algorithm: Name of the algorithm with which all policies learn.
 
     Returns:
-        The policies by name, and the notes and problems of the translation. All three are empty for a single agent,
-        whose settings are those of the whole training.
+        The policies by name, each with its translated settings as `config`, and the notes and problems of the
+        translation. All three are empty for a single agent, whose settings are those of the whole training.
     """
     policies = list(policies)
-    found: dict[str, PolicySettings] = {}
+    found: dict[str, PolicySpec] = {}
     notes: list[str] = []
     problems: list[Problem] = []
     if sum(len(policy.agents) for policy in policies) < 2:
@@ -65,25 +40,18 @@ def read_policies(
         own = translate_policy(policy.config, policy.name, algorithm)
         notes += [note for note in own.notes if note not in notes]
         problems += own.problems
-        found[policy.name] = PolicySettings(
-            policy.name, policy.agents, own.settings, policy.checkpoint, policy.source_policy
-        )
+        found[policy.name] = replace(policy, config=own.settings)
     return found, notes, problems
 
 
-def layouts_of(groups: Sequence[AgentGroup]) -> dict[str, tuple[Layout, Layout]]:
-    """Return the layouts of the observation and the action of each controlled agent (not scripted)."""
-    return {
+def check_layouts(policies: Mapping[str, PolicySpec], groups: Sequence[AgentGroup]) -> list[Problem]:
+    """Return a problem for each agent whose layouts differ from those of the first agent of the same policy."""
+    layouts = {
         agent: (group.observation_layout, group.action_layout)
         for group in groups
         if not group.scripted
         for agent in group.agents
     }
-
-
-def check_layouts(policies: Mapping[str, PolicySettings], groups: Sequence[AgentGroup]) -> list[Problem]:
-    """Return a problem for each agent whose layouts differ from those of the first agent of the same policy."""
-    layouts = layouts_of(groups)
     problems = []
     for policy in policies.values():
         first, *others = policy.agents

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment, build_experiment
-from safe_inspect.config.spec import AgentSpec
+from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.evaluation.raw_values import commanded_elements, observed_elements
 from safe_inspect.experiments.settings.environments import DEFAULT_MAKER, experiment_in
-from safe_inspect.experiments.settings.policies import SINGLE, PolicySettings
+from safe_inspect.experiments.settings.policies import SINGLE
 
 
 def policy_info(
@@ -42,9 +42,7 @@ def policy_info(
     )
 
 
-def policy_texts(
-    environments: Mapping[str, Any], policies: Mapping[str, PolicySettings]
-) -> dict[str, Mapping[str, str]]:
+def policy_texts(environments: Mapping[str, Any], policies: Mapping[str, PolicySpec]) -> dict[str, Mapping[str, str]]:
     """Return the metadata of each policy's `PolicyInfo`, by the policy's name.
 
     Args:

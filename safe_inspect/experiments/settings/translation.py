@@ -34,15 +34,18 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
         mapping: The merged `rllib_configs` of the experiment.
         algorithm: The name of the algorithm in `tune_config`; None if it gives none.
     """
-    name, problems = _algorithm(mapping, algorithm)
+    name, wrong = _algorithm(mapping, algorithm)
     found = _rllib(mapping, "rllib_configs", name)
-    problems += list(found.problems)
+    found.problems[:0] = wrong
     settings = {**keys.COMMON_DEFAULTS, **keys.ALGORITHM_DEFAULTS.get(name, {}), **found.settings, "algorithm": name}
     settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
-    if not problems:
-        problems += _fit_batch(settings, found.given)
+    if not found.problems:
+        found.problems += _fit_batch(settings, found.given)
     notes, wrong = choose_fast_paths(settings)
-    return TranslatedSettings(settings, (*found.notes, *notes), (*problems, *wrong), found.unchecked, found.given)
+    found.notes += notes
+    found.problems += wrong
+    found.settings = settings
+    return found
 
 
 def current_name(given: str) -> str:
@@ -54,8 +57,8 @@ def current_name(given: str) -> str:
 def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the settings of `tune.Tuner`, with `algorithm` among them if the mapping names one."""
     found = translate_keys(mapping, "tune_config", _TUNE)
-    settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
-    problems, notes = list(found.problems), list(found.notes)
+    found.settings = settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
+    problems, notes = found.problems, found.notes
     stop = settings.get("stop")
     settings["stop"] = {}
     if not stop and settings.get("time_budget_s") is None:
@@ -63,10 +66,7 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
             "the training runs until it is interrupted; to limit it, give `stop`, such as `training_iteration=100`"
         )
     if isinstance(stop, Mapping):
-        stop_settings, stop_notes, stop_problems = _translate_stop(stop)
-        settings["stop"] = stop_settings
-        notes += stop_notes
-        problems += stop_problems
+        settings["stop"] = _translate_stop(stop, notes, problems)
     score = settings.get("checkpoint_score_attribute")
     if score:
         if score.startswith("min-"):
@@ -88,18 +88,19 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
             for key in ("metric", "mode")
             if key in found.given
         ]
-    return TranslatedSettings(settings, tuple(notes), tuple(problems), (), found.given)
+    return found
 
 
 def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the arguments of `ray.init`; without an address they start a separate Ray for the run."""
     found = translate_keys(mapping, "ray_config", _RAY)
-    settings, problems = {**run_keys.RAY_DEFAULTS, **found.settings}, list(found.problems)
-    address = settings["address"]
+    found.settings = {**run_keys.RAY_DEFAULTS, **found.settings}
+    address = found.settings["address"]
     if isinstance(address, str) and not run_keys.RAY_ADDRESS.fullmatch(address):
         hint = "give `local`, `auto`, `HOST:PORT` or `ray://HOST:PORT`"
-        problems.append(Problem(f"{address!r} is not the address of a Ray cluster", "ray_config.address", hint=hint))
-    return TranslatedSettings(settings, found.notes, tuple(problems), (), found.given)
+        message = f"{address!r} is not the address of a Ray cluster"
+        found.problems.append(Problem(message, "ray_config.address", hint=hint))
+    return found
 
 
 def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> TranslatedSettings:
@@ -112,16 +113,15 @@ def translate_policy(mapping: Mapping[str, Any], name: str, algorithm: str) -> T
     """
     path = f"policies.{name}"
     found = _rllib(mapping, path, algorithm)
-    problems = list(found.problems)
     for key in found.settings:
         if key not in keys.POLICY_KEYS:
             message = f"`{key}` applies to all policies, so {name} cannot have a separate value"
             hint = f"give all policies the same value; only {', '.join(keys.POLICY_KEYS)} may differ between them"
-            problems.append(Problem(message, f"{path}.{key}", hint=hint))
+            found.problems.append(Problem(message, f"{path}.{key}", hint=hint))
         elif is_searched(found.settings[key]):
             message = "only keys that are the same for all policies can be searched"
-            problems.append(Problem(message, f"{path}.{key}"))
-    return TranslatedSettings(found.settings, found.notes, tuple(problems), found.unchecked, found.given)
+            found.problems.append(Problem(message, f"{path}.{key}"))
+    return found
 
 
 def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, list[Problem]]:
@@ -155,7 +155,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
-    settings, notes, problems = dict(found.settings), list(found.notes), list(found.problems)
+    settings, notes, problems = found.settings, found.notes, found.problems
     problems += _hidden_searches(mapping, path)
     if isinstance(settings.get("model_config"), Mapping):
         model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
@@ -182,7 +182,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         settings["evaluation_config"] = evaluation.settings
         notes += evaluation.notes
         problems += evaluation.problems
-    return TranslatedSettings(settings, tuple(notes), tuple(problems), found.unchecked, frozenset(settings))
+    return found
 
 
 def _instead(algorithm: str) -> str:
@@ -207,14 +207,12 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
     return problems
 
 
-def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str], list[Problem]]:
-    """Translate the stopping criteria.
+def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Problem]) -> dict[str, float]:
+    """Return the stopping criteria, and add notes and problems.
 
     Criteria that are never reported are problems, because Tune ignores them and the training would never end.
     """
     settings: dict[str, float] = {}
-    notes: list[str] = []
-    problems: list[Problem] = []
     for given, value in stop.items():
         where = f"tune_config.stop.{given}"
         name = run_keys.STOP_RENAMED.get(str(given), str(given))
@@ -231,7 +229,7 @@ def _translate_stop(stop: Mapping[str, Any]) -> tuple[dict[str, float], list[str
             problems.append(Problem(f"`{given}` is `{name}`, which is given twice", where))
         else:
             settings[name] = limit
-    return settings, notes, problems
+    return settings
 
 
 def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]:
