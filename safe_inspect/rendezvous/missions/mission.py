@@ -137,7 +137,7 @@ class Mission:
         estimate = context.estimate
         self._log.add(
             t=context.time,
-            state=list(Phase).index(context.phase),
+            state=context.phase.number,
             x=np.concatenate([done.chaser_before.position, done.chaser_before.velocity]),
             q=done.chaser_before.orientation,
             w=done.chaser_before.angular_velocity,
