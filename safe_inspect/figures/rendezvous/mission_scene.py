@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
@@ -185,18 +187,44 @@ def show_extent(axes: Any, low: FloatArray, high: FloatArray, aspect: float) -> 
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
 
 
+class Moment(NamedTuple):
+    """A mission at one time.
+
+    Attributes:
+        position: Position of the chaser in W [m], shape (3,).
+        body: Rotation from B to W, shape (3, 3).
+        target: Rotation from T to W, shape (3, 3).
+    """
+
+    position: FloatArray
+    body: FloatArray
+    target: FloatArray
+
+
 class SceneArtists:
     """Moving parts of a scene: target, chaser, camera, paths and tube.
 
     Args:
         axes: The axes in which they are drawn.
         record: The mission.
+        in_target: Whether the scene is drawn in the target's principal axes T instead of W.
+
+    Attributes:
+        in_target: Whether the scene is drawn in T.
+        path: Path of the chaser in this frame [m], shape (K, 3).
     """
 
-    def __init__(self, axes: Any, record: MissionRecord) -> None:
+    def __init__(self, axes: Any, record: MissionRecord, in_target: bool) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
         from matplotlib.patches import Circle
 
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        self.in_target, self._widths = in_target, record.arrays["tube"]
+        self.path = record.position_in_target() if in_target else record.arrays["x"][:, :3]
+        self._centre, self._attitude = nominal_path(record.arrays), to_matrix(record.arrays["target_q"])
+        if in_target:
+            self._centre = np.einsum("kji,kj->ki", self._attitude, self._centre)
         self._radius = record.config.chaser.radius
         self._mating_point = record.target.mating_point
         self._target, self._chaser = target_solid(record), chaser_solid(self._radius)
@@ -227,7 +255,34 @@ class SceneArtists:
             [], [], linestyle="", marker="*", markersize=11, color=MATING, markeredgecolor="white", zorder=7.0
         )[0]
 
-    def show_target(self, view: Camera, rotation: FloatArray) -> None:
+    def best_view(self, first: int) -> Camera:
+        """Return the view in which most of the path is visible from a step on, with the target as at the end."""
+        return best_view(self.path[first:], self._target, np.eye(3) if self.in_target else self._attitude[-1])
+
+    def show(self, now: Moment, view: Camera, way: FloatArray, plan: FlownPlan | None, rows: AnyArray) -> None:
+        """Draw a moment.
+
+        Args:
+            now: The moment.
+            view: The picture's camera.
+            way: The flight so far in the picture's frame [m], shape (n, 3).
+            plan: The newest plan; None before the first one.
+            rows: The control steps whose tube is drawn.
+        """
+        rotation = np.eye(3) if self.in_target else now.target
+        self._show_target(view, rotation)
+        self.show_path("flight", way, view, rotation)
+        if plan is not None:
+            self.show_path("plan", plan.position_target if self.in_target else plan.position, view, rotation)
+        outline = np.zeros((3, 2))
+        if len(rows) > 1:
+            to_axes = self._attitude[rows] if self.in_target else None
+            outline = ribbon(self._centre[rows], self._widths[rows], view, to_axes)
+        self._tube.set_xy(outline)
+        body = now.target.T @ now.body if self.in_target else now.body
+        self._show_chaser(way[-1], body, view, rotation)
+
+    def _show_target(self, view: Camera, rotation: FloatArray) -> None:
         """Draw the target and its mating point, given the rotation from T to the picture's frame."""
         own = view.turned(rotation)
         _paint(self._faces, self._edges, self._target, own, np.zeros(2), _TARGET_INK)
@@ -248,21 +303,17 @@ class SceneArtists:
         for line, which in zip(self._paths[name], (hidden, ~hidden), strict=True):
             line.set_data(*np.where(_joined(which)[:, None], flat, np.nan).T)
 
-    def show_tube(self, outline: FloatArray) -> None:
-        """Draw the outline of the tube, shape (n, 2)."""
-        self._tube.set_xy(outline if len(outline) > 2 else np.zeros((3, 2)))
-
-    def show_chaser(self, position: FloatArray, rotation_to_body: FloatArray, view: Camera, target: FloatArray) -> None:
+    def _show_chaser(self, position: FloatArray, body: FloatArray, view: Camera, target: FloatArray) -> None:
         """Draw the chaser, its sphere, and the cone of its camera.
 
         Args:
             position: Position in the picture's frame [m], shape (3,).
-            rotation_to_body: Rotation from B to the picture's frame, shape (3, 3).
+            body: Rotation from B to the picture's frame, shape (3, 3).
             view: The picture's camera.
             target: Rotation from T to the picture's frame, shape (3, 3).
         """
         place = view.flat(position)
-        own = view.turned(rotation_to_body)
+        own = view.turned(body)
         _paint(self._chaser_faces, self._chaser_edges, self._chaser, own, place, _CHASER_INK)
         self._sphere.center = place.tolist()
         corner = own.flat(self._cone) + place
