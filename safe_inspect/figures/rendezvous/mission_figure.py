@@ -15,7 +15,6 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PHASE_COLOURS,
     PLANNED,
     TUBE,
-    Moment,
     SceneArtists,
     show_extent,
 )
@@ -178,15 +177,15 @@ def mission_figure(record: MissionRecord) -> Figure:
 def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bool) -> None:
     """Draw the approach, in T or in W."""
     arrays = record.arrays
-    now = Moment(arrays["x"][-1, :3], to_matrix(arrays["q"][-1]), to_matrix(arrays["target_q"][-1]))
-    rotation = np.eye(3) if in_target else now.target
+    pose = (to_matrix(arrays["q"][-1]), to_matrix(arrays["target_q"][-1]))
+    rotation = np.eye(3) if in_target else pose[1]
     axes: Any = figure.add_axes((0.305 if in_target else 0.0, 0.365, 0.3, 0.575))
     scene = SceneArtists(axes, record, in_target)
     path, view = scene.path, scene.best_view(first)
     if first:
         scene.show_path("before", path[: first + 1], view, rotation)
     plan = record.plans[-1] if record.plans else None
-    scene.show(now, view, path[first:], plan, np.flatnonzero(np.isfinite(arrays["tube"])))
+    scene.show(pose, view, path[first:], plan, np.flatnonzero(np.isfinite(arrays["tube"])))
     start = view.flat(path[first])
     axes.plot(*start, "o", markersize=5, color="white", markeredgecolor=FLIGHT, markeredgewidth=1.2, zorder=5.0)
     corners = record.target.boxes.corners.reshape(-1, 3) @ record.target.R_MT

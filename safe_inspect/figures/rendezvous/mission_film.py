@@ -10,7 +10,7 @@ from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.figures.drawing import style
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_figure import LEAD
-from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, Moment, SceneArtists, show_extent
+from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
@@ -46,8 +46,11 @@ class MissionFilm(Pictures):
         with style():
             self._build()
 
-    def _moment(self, time: float) -> tuple[int, Moment]:
-        """Return the last recorded step that is not later, and the states interpolated to the next step."""
+    def _moment(self, time: float) -> tuple[int, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Return the last recorded step that is not later, and states interpolated to the next step.
+
+        The states are the chaser's position in W [m], and the rotations from B to W and from T to W.
+        """
         arrays = self.record.arrays
         row = int(np.clip(np.searchsorted(arrays["t"], time, side="right") - 1, 0, len(arrays["t"]) - 1))
         after = min(row + 1, len(arrays["t"]) - 1)
@@ -58,7 +61,7 @@ class MissionFilm(Pictures):
             return to_matrix(normalise((1.0 - u) * first + u * (last if first @ last >= 0.0 else -last)))
 
         position = (1.0 - u) * arrays["x"][row, :3] + u * arrays["x"][after, :3]
-        return row, Moment(position, turned("q"), turned("target_q"))
+        return row, position, (turned("q"), turned("target_q"))
 
     def _build(self) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -117,15 +120,15 @@ class MissionFilm(Pictures):
 
     def _show(self, share: float) -> None:
         time = self._start + share * (self._end - self._start)
-        row, now = self._moment(time)
+        row, outside, pose = self._moment(time)
         arrays, record = self.record.arrays, self.record
         plan = next((plan for plan in reversed(record.plans) if plan.times[0] <= time + LEAD), None)
-        in_target = now.target.T @ now.position
+        in_target = pose[1].T @ outside
         for scene, view in self._scenes:
-            position = in_target if scene.in_target else now.position
+            position = in_target if scene.in_target else outside
             way = np.concatenate((scene.path[self._first : row + 1], position[None]))
             rows = _last_run(np.isfinite(arrays["tube"][: row + 1]))
-            scene.show(now, _turned(view, share * self._turn), way, plan, rows)
+            scene.show(pose, _turned(view, share * self._turn), way, plan, rows)
         distance = float(np.linalg.norm(in_target - record.target.mating_point))
         phase, clearance = list(Phase)[arrays["state"][row]].value, float(arrays["clearance"][row])
         words = (f"{time:.1f} s", phase, f"clearance {clearance:.2f} m, {distance:.2f} m to the mating point")

@@ -187,20 +187,6 @@ def show_extent(axes: Any, low: FloatArray, high: FloatArray, aspect: float) -> 
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
 
 
-class Moment(NamedTuple):
-    """A mission at one time.
-
-    Attributes:
-        position: Position of the chaser in W [m], shape (3,).
-        body: Rotation from B to W, shape (3, 3).
-        target: Rotation from T to W, shape (3, 3).
-    """
-
-    position: FloatArray
-    body: FloatArray
-    target: FloatArray
-
-
 class SceneArtists:
     """Moving parts of a scene: target, chaser, camera, paths and tube.
 
@@ -259,17 +245,20 @@ class SceneArtists:
         """Return the view in which most of the path is visible from a step on, with the target as at the end."""
         return best_view(self.path[first:], self._target, np.eye(3) if self.in_target else self._attitude[-1])
 
-    def show(self, now: Moment, view: Camera, way: FloatArray, plan: FlownPlan | None, rows: AnyArray) -> None:
+    def show(
+        self, pose: tuple[FloatArray, FloatArray], view: Camera, way: FloatArray, plan: FlownPlan | None, rows: AnyArray
+    ) -> None:
         """Draw a moment.
 
         Args:
-            now: The moment.
+            pose: Rotations from B to W and from T to W, shape (3, 3) each.
             view: The picture's camera.
             way: The flight so far in the picture's frame [m], shape (n, 3).
             plan: The newest plan; None before the first one.
             rows: The control steps whose tube is drawn.
         """
-        rotation = np.eye(3) if self.in_target else now.target
+        body, target = pose
+        rotation = np.eye(3) if self.in_target else target
         self._show_target(view, rotation)
         self.show_path("flight", way, view, rotation)
         if plan is not None:
@@ -279,8 +268,7 @@ class SceneArtists:
             to_axes = self._attitude[rows] if self.in_target else None
             outline = ribbon(self._centre[rows], self._widths[rows], view, to_axes)
         self._tube.set_xy(outline)
-        body = now.target.T @ now.body if self.in_target else now.body
-        self._show_chaser(way[-1], body, view, rotation)
+        self._show_chaser(way[-1], target.T @ body if self.in_target else body, view, rotation)
 
     def _show_target(self, view: Camera, rotation: FloatArray) -> None:
         """Draw the target and its mating point, given the rotation from T to the picture's frame."""

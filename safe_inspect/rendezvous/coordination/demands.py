@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from safe_inspect.rendezvous.control.design import TubeDesign
-from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits, first_margin
+from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits, PlanQuery
 from safe_inspect.types import FloatArray
 
 # Lengths are fractions of the scenario's length, which is 1 m by default.
@@ -44,7 +44,7 @@ class PlanDemands:
         length: Length of the scenario [m].
     """
 
-    margin: Callable[[FloatArray], FloatArray] = first_margin
+    margin: Callable[[FloatArray], FloatArray] = PlanQuery.margin
     gain: FloatArray | None = None
     growth: float = 0.0
     keep_in: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
@@ -55,7 +55,7 @@ class PlanDemands:
     @classmethod
     def first(cls, length: float) -> PlanDemands:
         """Return the requirements before a tube is known, in a scenario of a given length [m]."""
-        return cls(margin=lambda times: first_margin(times, length), length=length)
+        return cls(margin=lambda times: length * PlanQuery.margin(times), length=length)
 
     def limits(self, limits: Limits, position: FloatArray) -> Limits:
         """Return the limits for a plan; the box always contains the position [m], shape (3,), from which it starts."""
