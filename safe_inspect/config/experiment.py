@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from safe_inspect.config.building.assemble import assemble
@@ -17,7 +16,7 @@ from safe_inspect.config.building.policies import policies_of
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import LocatedDict, locate, path_text, plain
+from safe_inspect.config.loading.located import LocatedDict, ResolvedExperiment, locate, path_text
 from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
@@ -27,17 +26,15 @@ from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.task_ids import ALL_TASKS, FORMER_IDS, TASK_OVERRIDES
-from safe_inspect.version import __version__
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(ResolvedExperiment):
     """A checked experiment.
 
     Attributes:
         source: The file from which it was loaded.
-        tree: The whole resolved configuration with the location of every value: files are included, lists merged and
-            overrides applied; references are still names. Loading it again results in the same experiment.
+        tree: The whole resolved configuration, see `ResolvedExperiment`.
         config: The validated models.
         spec: The environment.
         rllib: RLlib keys of the task, overridden by those that all trained policies have in common.
@@ -46,24 +43,11 @@ class Experiment:
             `config` contains the keys that are not in `rllib`.
     """
 
-    source: str
-    tree: LocatedDict
     config: ExperimentConfig
     spec: EnvironmentSpec
     rllib: dict[str, Any]
     algorithm: str
     policies: Mapping[str, PolicySpec]
-
-    @property
-    def resolved(self) -> dict[str, Any]:
-        """The resolved configuration as plain dictionaries, lists and values."""
-        return dict(plain(self.tree))
-
-    @property
-    def text(self) -> str:
-        """The resolved configuration as YAML."""
-        dumped: str = yaml.safe_dump(self.resolved, sort_keys=False, width=120)
-        return f"# Resolved from {self.source} by safe_inspect {__version__}\n{dumped}"
 
 
 def load_experiment(

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 from safe_inspect.config.loading.includes import places
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, plain
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.messages.report import validated
 from safe_inspect.config.models.experiment import ExperimentConfig, Model
 from safe_inspect.config.models.fields import written_values
 from safe_inspect.config.overrides import apply_overrides, with_value
@@ -24,13 +23,11 @@ from safe_inspect.plugins.functor import functor_field, misplaced
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.plugins import MeshTarget
-from safe_inspect.rendezvous.readings import Reading
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.units import PositiveDuration
-from safe_inspect.version import __version__
 
 #: Keys whose value may be a list of mappings, which are then merged from left to right.
 _MERGED = ("mission", "chaser")
@@ -61,27 +58,6 @@ class SensorsConfig(Model):
     state: StateSensor = StateSensor()
 
     _check_imu = field_validator("imu")(checked_noise)
-
-    def misfits(self, mission: MissionConfig, reads: Collection[Reading]) -> Iterator[tuple[str, str]]:
-        """Yield the name of each field that does not match the rates of a mission, and the reason.
-
-        Args:
-            mission: The mission.
-            reads: The kinds of measurements that the estimator reads.
-        """
-        steps = round(self.frame_period / mission.step)
-        has_frames = "frames" in reads or "poses" in reads
-        if has_frames and (steps < 1 or abs(steps * mission.step - self.frame_period) > 1e-9):
-            yield (
-                "frame_period",
-                f"{self.frame_period:g} s is not a multiple of the control step, {mission.step:g} s; round it",
-            )
-        if "inertial" in reads and self.imu_ticks > mission.control_ticks:
-            yield (
-                "imu_ticks",
-                f"{self.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} ticks "
-                "of a control step; lower it",
-            )
 
 
 class RendezvousConfig(Model):
@@ -123,9 +99,19 @@ class RendezvousConfig(Model):
 
     @model_validator(mode="after")
     def _check_parts(self) -> RendezvousConfig:
-        problems: list[tuple[tuple[str, ...], str]] = [
-            (("sensors", field), said) for field, said in self.sensors.misfits(self.mission, self.estimator.reads)
-        ]
+        problems: list[tuple[tuple[str, ...], str]] = []
+        mission, sensors, reads = self.mission, self.sensors, self.estimator.reads
+        steps = round(sensors.frame_period / mission.step)
+        has_frames = "frames" in reads or "poses" in reads
+        if has_frames and (steps < 1 or abs(steps * mission.step - sensors.frame_period) > 1e-9):
+            message = f"is not a multiple of the control step, {mission.step:g} s; round it"
+            problems.append((("sensors", "frame_period"), f"{sensors.frame_period:g} s {message}"))
+        if "inertial" in reads and sensors.imu_ticks > mission.control_ticks:
+            message = (
+                f"{sensors.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} "
+                "ticks of a control step; lower it"
+            )
+            problems.append((("sensors", "imu_ticks"), message))
         box, position = self.chaser.limits.keep_in, self.chaser.position
         if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
             message = (
@@ -139,7 +125,7 @@ class RendezvousConfig(Model):
 
 
 @dataclass(frozen=True)
-class Rendezvous:
+class Rendezvous(ResolvedExperiment):
     """A checked rendezvous experiment.
 
     Attributes:
@@ -148,20 +134,7 @@ class Rendezvous:
         config: The validated models.
     """
 
-    source: str
-    tree: LocatedDict
     config: RendezvousConfig
-
-    @property
-    def resolved(self) -> dict[str, Any]:
-        """The resolved configuration as plain dictionaries, lists and values."""
-        return dict(plain(self.tree))
-
-    @property
-    def text(self) -> str:
-        """The resolved configuration as YAML."""
-        dumped: str = yaml.safe_dump(self.resolved, sort_keys=False, width=120)
-        return f"# Resolved from {self.source} by safe_inspect {__version__}\n{dumped}"
 
 
 def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Rendezvous:
@@ -242,24 +215,17 @@ def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
     import_plugins(tree, ("plugin_paths",))
-    try:
-        config = RendezvousConfig.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(problems_of(error, tree, model=RendezvousConfig)) from None
-    return Rendezvous(source, tree, config)
+    return Rendezvous(source, tree, validated(RendezvousConfig, tree))
 
 
 def _mapping(tree: Any, path: str | os.PathLike[str]) -> LocatedDict:
     known = set(RendezvousConfig.model_fields)
     if not isinstance(tree, LocatedDict) or not known & set(tree):
-        raise ConfigError(
-            Problem(
-                "not a rendezvous experiment: the file has none of the keys "
-                + ", ".join(f"`{key}`" for key in sorted(known)),
-                location=locate(tree, ()) if isinstance(tree, LocatedDict) else None,
-                hint=f"give the experiment file, not {os.path.basename(path)!r}",
-            )
-        )
+        keys = ", ".join(f"`{key}`" for key in sorted(known))
+        place = locate(tree, ()) if isinstance(tree, LocatedDict) else None
+        hint = f"give the experiment file, not {os.path.basename(path)!r}"
+        message = f"not a rendezvous experiment: the file has none of the keys {keys}"
+        raise ConfigError(Problem(message, location=place, hint=hint))
     merged = tree.copy()
     for key in _MERGED:
         if isinstance(tree.get(key), list):
@@ -281,10 +247,5 @@ def read_target(path: str | os.PathLike[str]) -> Target:
             f"{os.fspath(path)}: the file has no key `target`; give a rendezvous experiment, another YAML file with "
             "this key, or a mesh (.stl, .ply or .obj)"
         )
-    part = _with_absolute_files(
-        LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)
-    )
-    try:
-        return RendezvousConfig.model_validate(part).target()  # type: ignore[no-any-return]
-    except ValidationError as error:
-        raise ConfigError(problems_of(error, tree, model=RendezvousConfig)) from None
+    part = LocatedDict({key: tree[key] for key in ("plugin_paths", "target") if key in tree}, tree.marks)
+    return validated(RendezvousConfig, _with_absolute_files(part)).target()  # type: ignore[no-any-return]

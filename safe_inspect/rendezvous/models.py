@@ -29,6 +29,7 @@ from safe_inspect.units import (
 
 PositiveAngle = quantity("rad", gt=0)
 _Vector = tuple[Length, Length, Length]  # type: ignore[valid-type]
+_Moments = tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia]  # type: ignore[valid-type]
 _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 #: Shortest tick, and shortest and longest control step, that the attitude controller was tested with [s].
 _LEAST_TICK, _STEPS = 1e-4, (0.02, 1.0)
@@ -99,11 +100,7 @@ class ChaserConfig(Model):
     """
 
     mass: PositiveMass = 9.583788668  # type: ignore[valid-type]
-    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia] = (  # type: ignore[valid-type]
-        0.153427995,
-        0.14271405,
-        0.162302759,
-    )
+    inertia: _Moments = (0.153427995, 0.14271405, 0.162302759)
     radius: PositiveLength = 0.25  # type: ignore[valid-type]
     position: _Vector = (0.0, -1.5, 0.0)
     velocity: _VelocityVector = (0.0, 0.0, 0.0)
@@ -214,29 +211,20 @@ class MissionConfig(Model):
                 f"update_ticks ({self.update_ticks}) must be a multiple of control_ticks ({self.control_ticks})"
             )
         if not (_STEPS[0] - 1e-9 <= self.step <= _STEPS[1] + 1e-9 and self.tick >= _LEAST_TICK):
-            raise ValueError(
-                f"the control step, tick times control_ticks, is {self.step:g} s; it must be {_STEPS[0]:g} to "
-                f"{_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
-            )
-        for name, seconds in (
-            ("hold_limit", self.hold_limit),
-            ("wait_step", self.wait_step),
-            *(("durations", duration) for duration in self.durations),
-        ):
+            allowed = f"{_STEPS[0]:g} to {_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
+            raise ValueError(f"the control step, tick times control_ticks, is {self.step:g} s; it must be {allowed}")
+        durations = (("durations", duration) for duration in self.durations)
+        for name, seconds in (("hold_limit", self.hold_limit), ("wait_step", self.wait_step), *durations):
             steps = seconds / self.step
             if steps > _MOST_STEPS:
                 most = _MOST_STEPS * self.step
                 raise ValueError(f"{name}: {seconds:g} s is more than {_MOST_STEPS:,} control steps, {most:g} s")
             if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
-                raise ValueError(
-                    f"{name}: {seconds:g} s is not a multiple of the control step, {self.step:g} s (tick times "
-                    "control_ticks)"
-                )
+                step = f"the control step, {self.step:g} s (tick times control_ticks)"
+                raise ValueError(f"{name}: {seconds:g} s is not a multiple of {step}")
+        wait, step = f"wait_limit ({self.wait_limit:g} s)", f"wait_step ({self.wait_step:g} s)"
         if self.wait_limit / self.wait_step > _MOST_WAITS:
-            raise ValueError(
-                f"wait_limit ({self.wait_limit:g} s) is more than {_MOST_WAITS:,} times wait_step "
-                f"({self.wait_step:g} s)"
-            )
+            raise ValueError(f"{wait} is more than {_MOST_WAITS:,} times {step}")
         return self
 
     @property

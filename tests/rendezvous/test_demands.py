@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.control.gains import natural_gain
 from safe_inspect.rendezvous.control.tightening import TrackingLimits
 from safe_inspect.rendezvous.control.trials import BoundQuery, Updates, sample_errors
 from safe_inspect.rendezvous.control.tube import Axis
-from safe_inspect.rendezvous.coordination.demands import FIRST_MARGIN, PlanDemands
+from safe_inspect.rendezvous.coordination.demands import PlanDemands
 from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.planner.query import Limits
 
@@ -38,7 +38,7 @@ def design(request_) -> TubeDesign:
 
 def test_without_a_tube_only_the_first_margin_is_asked_for() -> None:
     demands, limits = PlanDemands(), Limits()
-    assert (demands.margin(TIMES) == FIRST_MARGIN).all()
+    assert (demands.margin(TIMES) == 0.08).all()
     assert demands.gain is None
     same = demands.limits(limits, np.zeros(3))
     np.testing.assert_array_equal(same.keep_in, limits.keep_in)

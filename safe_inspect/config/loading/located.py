@@ -9,9 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any, Self
 
+import yaml
+
 from safe_inspect.errors import Location
+from safe_inspect.version import __version__
 
 #: Path of a value in a tree: keys and indices.
 KeyPath = Sequence[Any]
@@ -121,3 +125,28 @@ def path_text(path: KeyPath) -> str:
         else:
             text += f".{key}" if text else str(key)
     return text
+
+
+@dataclass(frozen=True)
+class ResolvedExperiment:
+    """A resolved configuration.
+
+    Attributes:
+        source: The file from which it was loaded.
+        tree: The whole resolved configuration with the location of every value: files are included, lists merged and
+            overrides applied; references are still names. Loading it again results in the same experiment.
+    """
+
+    source: str
+    tree: LocatedDict
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The resolved configuration as plain dictionaries, lists and values."""
+        return dict(plain(self.tree))
+
+    @property
+    def text(self) -> str:
+        """The resolved configuration as YAML."""
+        dumped: str = yaml.safe_dump(self.resolved, sort_keys=False, width=120)
+        return f"# Resolved from {self.source} by safe_inspect {__version__}\n{dumped}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -14,7 +14,7 @@ from safe_inspect.config.loading.located import LocatedDict, has, locate, path_t
 from safe_inspect.config.loading.merge import names_of
 from safe_inspect.config.messages.messages import is_of_other_kind, message, shown, wanted
 from safe_inspect.config.models.fields import known_keys
-from safe_inspect.errors import Location, Problem
+from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.plugins.functor import errors_of
 
 #: Path in the configuration: keys and indices.
@@ -22,8 +22,26 @@ KeyTuple = tuple[Any, ...]
 #: Function that is called with the path and the message of a problem.
 ReportProblem = Callable[[KeyTuple, str], None]
 
+_Model = TypeVar("_Model", bound=BaseModel)
+
 #: Labels that Pydantic adds to the path of an error to distinguish the members of a union.
 _LABEL = re.compile(r"(int|float|str|bool|bytes|none|list|dict|tuple|set|date|datetime)$|[A-Z]|.*[\[(-]")
+
+
+def validated(model: type[_Model], tree: Any) -> _Model:
+    """Return the model of a tree.
+
+    Args:
+        model: Class of the model.
+        tree: The tree with the locations of its values.
+
+    Raises:
+        ConfigError: The tree is not valid; the error lists every mistake with its location.
+    """
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(problems_of(error, tree, model=model)) from None
 
 
 def problems_of(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict, locate
-from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.messages.report import validated
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.metrics.statistics import Interval, wilson
@@ -158,10 +158,7 @@ def _read(path: str | os.PathLike[str]) -> Leaderboard:
     if not isinstance(tree, LocatedDict):
         where = locate(tree, ()) if isinstance(tree, list) else None
         raise ConfigError(Problem(f"{path}: a leaderboard must be a mapping with the key `boards`", location=where))
-    try:
-        return Leaderboard.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(problems_of(error, tree, model=Leaderboard)) from None
+    return validated(Leaderboard, tree)
 
 
 def slug(text: str) -> str:

@@ -13,7 +13,7 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
-from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.format import TRUTH_PARTS
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
@@ -88,10 +88,8 @@ def _draw_frame(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
     _draw_triad(axes, log, move(T_CB, centre[None])[0], T_CB[:3, :3] @ R_BW @ R_WT, linewidth=2.0)
     if log.truth is not None and target is not None:
         row = log.truth[frame]
-        place = TRUTH_COLUMNS.index
-        R_MB = to_matrix(row[place("q_MB_x") : place("q_MB_w") + 1])  # noqa: N806
-        position = row[place("T_MB_x") : place("T_MB_z") + 1]
-        true_centre = -R_MB.T @ position
+        R_MB = to_matrix(row[TRUTH_PARTS["q_MB"]])  # noqa: N806
+        true_centre = -R_MB.T @ row[TRUTH_PARTS["T_MB"]]
         _draw_triad(
             axes, log, move(T_CB, true_centre[None])[0], T_CB[:3, :3] @ R_MB.T @ target.R_MT, linewidth=1.0,
             linestyle=(0, (3, 2)), color=BLACK,
@@ -129,8 +127,8 @@ def _draw_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
         axes.plot(times, np.rad2deg(rates[:, axis]), ".", markersize=3, color=colour)
         axes.plot(dense, fitted[:, axis], color=colour, label=f"axis {axis + 1}")
     if log.truth is not None and estimate.target.aligned:
-        first = TRUTH_COLUMNS.index("rate_x")
-        axes.plot(log.times, np.rad2deg(log.truth[:, first : first + 3]), color=BLACK, linewidth=0.8, linestyle="--")
+        rates = np.rad2deg(log.truth[:, TRUTH_PARTS["rate"]])
+        axes.plot(log.times, rates, color=BLACK, linewidth=0.8, linestyle="--")
     axes.set_ylabel("rate in T [deg/s]")
     axes.set_title("angular velocity: motion (lines), over 5 s (dots), truth (dashed)")
     axes.margins(y=0.18)
@@ -141,8 +139,7 @@ def _draw_attitude(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
     sigma = np.rad2deg(estimate.online[:, ONLINE_COLUMNS.index("attitude_sigma")])
     axes.plot(log.times, sigma, color=GREY, label="standard deviation as known then")
     if log.truth is not None:
-        first = TRUTH_COLUMNS.index("q_WT_x")
-        error = estimate.attitude_error(log.times, log.truth[:, first : first + 4])
+        error = estimate.attitude_error(log.times, log.truth[:, TRUTH_PARTS["q_WT"]])
         axes.plot(log.times, np.rad2deg(error), color=BLUE, label="error of the motion found in the end")
     axes.set_yscale("log")
     axes.set_xlabel("time [s]")

@@ -16,10 +16,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PLANNED,
     TUBE,
     SceneArtists,
-    best_view,
-    ribbon,
     show_extent,
-    target_solid,
 )
 from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
@@ -179,33 +176,20 @@ def mission_figure(record: MissionRecord) -> Figure:
 
 def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bool) -> None:
     """Draw the approach, in T or in W."""
-    arrays, solid = record.arrays, target_solid(record)
-    attitude = to_matrix(arrays["target_q"])
-    rotation = np.eye(3) if in_target else attitude[-1]
-    path = record.position_in_target() if in_target else arrays["x"][:, :3]
-    view = best_view(path[first:], solid, rotation)
+    arrays = record.arrays
+    pose = (to_matrix(arrays["q"][-1]), to_matrix(arrays["target_q"][-1]))
+    rotation = np.eye(3) if in_target else pose[1]
     axes: Any = figure.add_axes((0.305 if in_target else 0.0, 0.365, 0.3, 0.575))
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    scene = SceneArtists(axes, record)
-    scene.show_target(view, rotation)
+    scene = SceneArtists(axes, record, in_target)
+    path, view = scene.path, scene.best_view(first)
     if first:
         scene.show_path("before", path[: first + 1], view, rotation)
-    scene.show_path("flight", path[first:], view, rotation)
-    if record.plans:
-        plan = record.plans[-1]
-        scene.show_path("plan", plan.position_target if in_target else plan.position, view, rotation)
-    rows = np.flatnonzero(np.isfinite(arrays["tube"]))
-    if len(rows) > 1:
-        centre = nominal_path(arrays)[rows]
-        if in_target:
-            centre = np.einsum("kji,kj->ki", attitude[rows], centre)
-        scene.show_tube(ribbon(centre, arrays["tube"][rows], view, attitude[rows] if in_target else None))
+    plan = record.plans[-1] if record.plans else None
+    scene.show(pose, view, path[first:], plan, np.flatnonzero(np.isfinite(arrays["tube"])))
     start = view.flat(path[first])
     axes.plot(*start, "o", markersize=5, color="white", markeredgecolor=FLIGHT, markeredgewidth=1.2, zorder=5.0)
-    body = to_matrix(arrays["q"][-1])
-    scene.show_chaser(path[-1], attitude[-1].T @ body if in_target else body, view, rotation)
-    own = view.flat(np.concatenate((path if in_target else path[first:], solid.patches.reshape(-1, 3) @ rotation.T)))
+    corners = record.target.boxes.corners.reshape(-1, 3) @ record.target.R_MT
+    own = view.flat(np.concatenate((path if in_target else path[first:], corners @ rotation.T)))
     reach = 1.15 * record.config.chaser.radius
     low, high = own.min(axis=0) - reach, own.max(axis=0) + reach
     show_extent(axes, low, high, 0.3 * 11.5 / (0.575 * 7.4))

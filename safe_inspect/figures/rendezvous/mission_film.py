@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -10,32 +10,13 @@ from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.figures.drawing import style
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_figure import LEAD
-from safe_inspect.figures.rendezvous.mission_scene import (
-    FLIGHT,
-    PHASE_COLOURS,
-    SceneArtists,
-    best_view,
-    ribbon,
-    show_extent,
-    target_solid,
-)
+from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
-from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 _DPI = 100
-
-
-class _Moment(NamedTuple):
-    """A mission at one time: the last recorded step, and states interpolated to the next step."""
-
-    row: int
-    time: float
-    position: FloatArray
-    body: FloatArray
-    target: FloatArray
 
 
 class MissionFilm(Pictures):
@@ -62,18 +43,14 @@ class MissionFilm(Pictures):
         self._end = float(time[-1])
         self._start = max(float(time[record.approach()]) - LEAD, float(time[0]))
         self._first = int(np.searchsorted(time, self._start))
-        self._attitude = to_matrix(record.arrays["target_q"])
-        self._path, self._path_in_target = record.arrays["x"][:, :3], record.position_in_target()
-        self._nominal = nominal_path(record.arrays)
-        solid = target_solid(record)
-        rotation = self._attitude[-1]
-        shown = slice(self._first, None)
-        self._view = best_view(self._path[shown], solid, rotation)
-        self._view_in_target = best_view(self._path_in_target[shown], solid, np.eye(3))
         with style():
             self._build()
 
-    def _moment(self, time: float) -> _Moment:
+    def _moment(self, time: float) -> tuple[int, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Return the last recorded step that is not later, and states interpolated to the next step.
+
+        The states are the chaser's position in W [m], and the rotations from B to W and from T to W.
+        """
         arrays = self.record.arrays
         row = int(np.clip(np.searchsorted(arrays["t"], time, side="right") - 1, 0, len(arrays["t"]) - 1))
         after = min(row + 1, len(arrays["t"]) - 1)
@@ -83,8 +60,8 @@ class MissionFilm(Pictures):
             first, last = arrays[name][row], arrays[name][after]
             return to_matrix(normalise((1.0 - u) * first + u * (last if first @ last >= 0.0 else -last)))
 
-        position = (1.0 - u) * self._path[row] + u * self._path[after]
-        return _Moment(row, time, position, turned("q"), turned("target_q"))
+        position = (1.0 - u) * arrays["x"][row, :3] + u * arrays["x"][after, :3]
+        return row, position, (turned("q"), turned("target_q"))
 
     def _build(self) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -94,13 +71,8 @@ class MissionFilm(Pictures):
         # The resolution grows with the width, so that fonts and lines keep their relative sizes.
         figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
         self._canvas = FigureCanvasAgg(figure)
-        self._scenes = [
-            self._scene(figure, place, path)
-            for place, path in (
-                ((0.0, 0.13, 0.6, 0.8), self._path),
-                ((0.6, 0.48, 0.4, 0.42), self._path_in_target),
-            )
-        ]
+        places = ((0.0, 0.13, 0.6, 0.8), (0.6, 0.48, 0.4, 0.42))
+        self._scenes = [self._scene(figure, place, bool(index)) for index, place in enumerate(places)]
         figure.text(0.8, 0.905, "in the target's principal axes", fontsize=8, color=GREY, ha="center")
         self._texts = [
             figure.text(place, 0.955, "", fontsize=9.5, color=BLACK, va="center", ha=side)
@@ -109,28 +81,19 @@ class MissionFilm(Pictures):
         self._build_clearance(figure.add_axes((0.68, 0.2, 0.3, 0.23)))
         self._build_phases(figure.add_axes((0.03, 0.075, 0.95, 0.03)))
 
-    def _scene(self, figure: Any, place: tuple[float, ...], path: FloatArray) -> SceneArtists:
+    def _scene(self, figure: Any, place: tuple[float, ...], in_target: bool) -> tuple[SceneArtists, Camera]:
+        """Return a scene and its view in the first picture."""
         axes = figure.add_axes(place)
-        axes.set_axis_off()
-        axes.set_aspect("equal")
+        scene = SceneArtists(axes, self.record, in_target)
+        view, path, swept = scene.best_view(self._first), scene.path[self._first :], self.record.target.swept_radius
         # The extent covers everything that may be visible from any side.
-        reach = max(self.record.target.swept_radius, float(np.linalg.norm(path[self._first :], axis=1).max()))
+        reach = max(swept, float(np.linalg.norm(path, axis=1).max()))
         margin = 1.1 * self.record.config.chaser.radius
-        views = [self._view_at(path is self._path_in_target, turn) for turn in np.linspace(0.0, self._turn, 7)]
-        near = [view.flat(path[self._first :]) for view in views]
-        swept = min(reach, self.record.target.swept_radius) * np.array([[-1.0, -1.0], [1.0, 1.0]])
-        points = np.concatenate([*near, swept])
-        width, height = self._size
-        show_extent(
-            axes, points.min(axis=0) - margin, points.max(axis=0) + margin, place[2] * width / place[3] / height
-        )
-        return SceneArtists(axes, self.record)
-
-    def _view_at(self, in_target: bool, turn: float) -> Camera:
-        """Return the view after the camera has turned around the scene by an angle [degrees]."""
-        view, angle = self._view_in_target if in_target else self._view, np.radians(turn)
-        c, s = np.cos(angle), np.sin(angle)
-        return view.turned(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+        near = [_turned(view, turn).flat(path) for turn in np.linspace(0.0, self._turn, 7)]
+        points = np.concatenate([*near, min(reach, swept) * np.array([[-1.0, -1.0], [1.0, 1.0]])])
+        aspect = place[2] * self._size[0] / place[3] / self._size[1]
+        show_extent(axes, points.min(axis=0) - margin, points.max(axis=0) + margin, aspect)
+        return scene, view
 
     def _build_clearance(self, axes: Any) -> None:
         arrays = self.record.arrays
@@ -156,39 +119,30 @@ class MissionFilm(Pictures):
         self._now = axes.axvline(0.0, color=ORANGE, linewidth=2.5)
 
     def _show(self, share: float) -> None:
-        now, turned = self._moment(self._start + share * (self._end - self._start)), share * self._turn
+        time = self._start + share * (self._end - self._start)
+        row, outside, pose = self._moment(time)
         arrays, record = self.record.arrays, self.record
-        plan = max((k for k, plan in enumerate(record.plans) if plan.times[0] <= now.time + LEAD), default=None)
-        own = _last_run(np.isfinite(arrays["tube"][: now.row + 1]))
-        for scene, in_target in zip(self._scenes, (False, True), strict=True):
-            view = self._view_at(in_target, turned)
-            rotation = np.eye(3) if in_target else now.target
-            position = now.target.T @ now.position if in_target else now.position
-            path = self._path_in_target if in_target else self._path
-            scene.show_target(view, rotation)
-            way = np.concatenate((path[self._first : now.row + 1], position[None]))
-            scene.show_path("flight", way, view, rotation)
-            if plan is not None:
-                planned = record.plans[plan]
-                scene.show_path("plan", planned.position_target if in_target else planned.position, view, rotation)
-            if len(own) > 1:
-                centre, to_axes = self._nominal[own], None
-                if in_target:
-                    to_axes = self._attitude[own]
-                    centre = np.einsum("kji,kj->ki", to_axes, centre)
-                scene.show_tube(ribbon(centre, arrays["tube"][own], view, to_axes))
-            else:
-                scene.show_tube(np.zeros((0, 2)))
-            scene.show_chaser(position, now.target.T @ now.body if in_target else now.body, view, rotation)
-        phase = list(Phase)[arrays["state"][now.row]].value
-        distance = float(np.linalg.norm(now.target.T @ now.position - record.target.mating_point))
-        clearance = float(arrays["clearance"][now.row])
-        words = (f"{now.time:.1f} s", phase, f"clearance {clearance:.2f} m, {distance:.2f} m to the mating point")
+        plan = next((plan for plan in reversed(record.plans) if plan.times[0] <= time + LEAD), None)
+        in_target = pose[1].T @ outside
+        for scene, view in self._scenes:
+            position = in_target if scene.in_target else outside
+            way = np.concatenate((scene.path[self._first : row + 1], position[None]))
+            rows = _last_run(np.isfinite(arrays["tube"][: row + 1]))
+            scene.show(pose, _turned(view, share * self._turn), way, plan, rows)
+        distance = float(np.linalg.norm(in_target - record.target.mating_point))
+        phase, clearance = list(Phase)[arrays["state"][row]].value, float(arrays["clearance"][row])
+        words = (f"{time:.1f} s", phase, f"clearance {clearance:.2f} m, {distance:.2f} m to the mating point")
         for text, word in zip(self._texts, words, strict=True):
             text.set_text(word)
-        rows = slice(self._first, now.row + 1)
-        self._clearance.set_data(arrays["t"][rows], arrays["clearance"][rows])
-        self._now.set_xdata([now.time, now.time])
+        shown = slice(self._first, row + 1)
+        self._clearance.set_data(arrays["t"][shown], arrays["clearance"][shown])
+        self._now.set_xdata([time, time])
+
+
+def _turned(view: Camera, turn: float) -> Camera:
+    """Return the view after the camera has turned around the scene by an angle [degrees]."""
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    return view.turned(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def _last_run(which: BoolArray) -> AnyArray:

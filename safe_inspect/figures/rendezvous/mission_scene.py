@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
+from safe_inspect.rendezvous.missions.summary import nominal_path
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
@@ -191,12 +193,24 @@ class SceneArtists:
     Args:
         axes: The axes in which they are drawn.
         record: The mission.
+        in_target: Whether the scene is drawn in the target's principal axes T instead of W.
+
+    Attributes:
+        in_target: Whether the scene is drawn in T.
+        path: Path of the chaser in this frame [m], shape (K, 3).
     """
 
-    def __init__(self, axes: Any, record: MissionRecord) -> None:
+    def __init__(self, axes: Any, record: MissionRecord, in_target: bool) -> None:
         from matplotlib.collections import LineCollection, PolyCollection
         from matplotlib.patches import Circle
 
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        self.in_target, self._widths = in_target, record.arrays["tube"]
+        self.path = record.position_in_target() if in_target else record.arrays["x"][:, :3]
+        self._centre, self._attitude = nominal_path(record.arrays), to_matrix(record.arrays["target_q"])
+        if in_target:
+            self._centre = np.einsum("kji,kj->ki", self._attitude, self._centre)
         self._radius = record.config.chaser.radius
         self._mating_point = record.target.mating_point
         self._target, self._chaser = target_solid(record), chaser_solid(self._radius)
@@ -227,7 +241,36 @@ class SceneArtists:
             [], [], linestyle="", marker="*", markersize=11, color=MATING, markeredgecolor="white", zorder=7.0
         )[0]
 
-    def show_target(self, view: Camera, rotation: FloatArray) -> None:
+    def best_view(self, first: int) -> Camera:
+        """Return the view in which most of the path is visible from a step on, with the target as at the end."""
+        return best_view(self.path[first:], self._target, np.eye(3) if self.in_target else self._attitude[-1])
+
+    def show(
+        self, pose: tuple[FloatArray, FloatArray], view: Camera, way: FloatArray, plan: FlownPlan | None, rows: AnyArray
+    ) -> None:
+        """Draw a moment.
+
+        Args:
+            pose: Rotations from B to W and from T to W, shape (3, 3) each.
+            view: The picture's camera.
+            way: The flight so far in the picture's frame [m], shape (n, 3).
+            plan: The newest plan; None before the first one.
+            rows: The control steps whose tube is drawn.
+        """
+        body, target = pose
+        rotation = np.eye(3) if self.in_target else target
+        self._show_target(view, rotation)
+        self.show_path("flight", way, view, rotation)
+        if plan is not None:
+            self.show_path("plan", plan.position_target if self.in_target else plan.position, view, rotation)
+        outline = np.zeros((3, 2))
+        if len(rows) > 1:
+            to_axes = self._attitude[rows] if self.in_target else None
+            outline = ribbon(self._centre[rows], self._widths[rows], view, to_axes)
+        self._tube.set_xy(outline)
+        self._show_chaser(way[-1], target.T @ body if self.in_target else body, view, rotation)
+
+    def _show_target(self, view: Camera, rotation: FloatArray) -> None:
         """Draw the target and its mating point, given the rotation from T to the picture's frame."""
         own = view.turned(rotation)
         _paint(self._faces, self._edges, self._target, own, np.zeros(2), _TARGET_INK)
@@ -248,21 +291,17 @@ class SceneArtists:
         for line, which in zip(self._paths[name], (hidden, ~hidden), strict=True):
             line.set_data(*np.where(_joined(which)[:, None], flat, np.nan).T)
 
-    def show_tube(self, outline: FloatArray) -> None:
-        """Draw the outline of the tube, shape (n, 2)."""
-        self._tube.set_xy(outline if len(outline) > 2 else np.zeros((3, 2)))
-
-    def show_chaser(self, position: FloatArray, rotation_to_body: FloatArray, view: Camera, target: FloatArray) -> None:
+    def _show_chaser(self, position: FloatArray, body: FloatArray, view: Camera, target: FloatArray) -> None:
         """Draw the chaser, its sphere, and the cone of its camera.
 
         Args:
             position: Position in the picture's frame [m], shape (3,).
-            rotation_to_body: Rotation from B to the picture's frame, shape (3, 3).
+            body: Rotation from B to the picture's frame, shape (3, 3).
             view: The picture's camera.
             target: Rotation from T to the picture's frame, shape (3, 3).
         """
         place = view.flat(position)
-        own = view.turned(rotation_to_body)
+        own = view.turned(body)
         _paint(self._chaser_faces, self._chaser_edges, self._chaser, own, place, _CHASER_INK)
         self._sphere.center = place.tolist()
         corner = own.flat(self._cone) + place

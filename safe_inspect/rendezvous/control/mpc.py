@@ -41,13 +41,7 @@ class TrackingQP:
         systems", 2008; with the terminal equality in place of a terminal set.
     """
 
-    def __init__(
-        self,
-        a: FloatArray,
-        b: FloatArray,
-        horizon: int = 20,
-        weights: TrackingWeights | None = None,
-    ) -> None:
+    def __init__(self, a: FloatArray, b: FloatArray, horizon: int = 20, weights: TrackingWeights | None = None) -> None:
         """Set up the constant matrices.
 
         Args:
@@ -73,9 +67,9 @@ class TrackingQP:
         cost = np.einsum("kis,i,kit->st", errors, q, errors)
         cost[np.arange(2, 2 + horizon), np.arange(2, 2 + horizon)] += weights.force
         cost[-1, -1] += weights.offset
-        self.cost = 2.0 * cost
-        self.equalities = np.vstack((states[horizon] - steady, states[0]))
-        self.inequalities = states[1:].reshape(-1, size)
+        self.cost = np.asfortranarray(2.0 * cost)
+        self.equalities = np.asfortranarray(np.vstack((states[horizon] - steady, states[0])))
+        self.inequalities = np.asfortranarray(states[1:].reshape(-1, size))
         self._solver: Any = None
         self._solved: Any = None
 
@@ -101,16 +95,9 @@ class TrackingQP:
         if self._solver is None:
             piqp = require("piqp")
             self._solver, self._solved = piqp.DenseSolver(), piqp.PIQP_SOLVED
+            linear = np.zeros(len(self.cost))
             self._solver.setup(
-                np.asfortranarray(self.cost),
-                np.zeros(len(self.cost)),
-                np.asfortranarray(self.equalities),
-                right,
-                np.asfortranarray(self.inequalities),
-                lower,
-                upper,
-                least,
-                largest,
+                self.cost, linear, self.equalities, right, self.inequalities, lower, upper, least, largest
             )
         else:
             self._solver.update(b=right, h_l=lower, h_u=upper, x_l=least, x_u=largest)
@@ -160,13 +147,7 @@ class TubeMPC:
         additive disturbances", 2010.
     """
 
-    def __init__(
-        self,
-        axis: Axis,
-        tube: Tube,
-        limits: TrackingLimits | None = None,
-        horizon: int = 20,
-    ) -> None:
+    def __init__(self, axis: Axis, tube: Tube, limits: TrackingLimits | None = None, horizon: int = 20) -> None:
         """Set up the programmes.
 
         Args:

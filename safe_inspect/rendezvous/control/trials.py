@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,8 +94,7 @@ class ErrorSamples:
         return ErrorSamples(self.times, *(error[trials] for error in self.errors))
 
 
-@dataclass(frozen=True, eq=False)
-class _Draws:
+class _Draws(NamedTuple):
     """Sampled errors of n trials with E estimates each, shape (n, E, 3); those of the logits have shape (n, 2)."""
 
     attitude: FloatArray
@@ -121,7 +121,7 @@ def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
     steps = len(query.plan.times)
     draws = _draw(query.errors, query.updates.correlation if query.updates else 0.0, estimates, streams)
     # The last row has no error; it is the reference for the others.
-    draws = _Draws(*(np.concatenate((value, np.zeros_like(value[:1]))) for value in vars(draws).values()))
+    draws = _Draws(*(np.concatenate((value, np.zeros_like(value[:1]))) for value in draws))
     length = min(period + 1, steps)
     errors = _windows(query, draws, period, length)
     window, offset = np.divmod(np.arange(steps), period)
@@ -164,21 +164,13 @@ def _draw(errors: EstimateErrors, correlation: float, estimates: int, streams: S
     if isinstance(errors, JointErrors):
         # The logits come first: they have one error per trial, and the errors that are correlated with it depend on it.
         root = np.linalg.cholesky(errors.joint + _ROUNDING * np.diag(np.diag(errors.joint)) + np.diag(_FLOOR))
-        unit = np.concatenate(
-            (np.repeat(streams.normal("bound.inertia", 2)[:, None], estimates, axis=1), sequence("joint", 1.0, 12)),
-            axis=2,
-        )
-        drawn = unit @ root.T
+        logits = np.repeat(streams.normal("bound.inertia", 2)[:, None], estimates, axis=1)
+        drawn = np.concatenate((logits, sequence("joint", 1.0, 12)), axis=2) @ root.T
         zero = np.zeros_like(drawn[..., :3])
         return _Draws(drawn[..., 2:5], drawn[..., 5:8], drawn[..., 8:11], zero, drawn[..., 11:14], drawn[:, 0, :2])
-    return _Draws(
-        sequence("attitude", errors.attitude),
-        sequence("rate", errors.rate),
-        sequence("centre", errors.centre),
-        sequence("position", errors.position),
-        sequence("velocity", errors.velocity),
-        errors.inertia * streams.normal("bound.inertia", 2) if errors.inertia else np.zeros((len(streams), 2)),
-    )
+    inertia = errors.inertia * streams.normal("bound.inertia", 2) if errors.inertia else np.zeros((len(streams), 2))
+    own = {name: sequence(name, getattr(errors, name)) for name in _Draws._fields if name != "inertia"}
+    return _Draws(**own, inertia=inertia)
 
 
 def _inertia(inertia: FloatArray, logits: FloatArray) -> FloatArray:

@@ -45,6 +45,11 @@ class Phase(enum.Enum):
     ABORTED = "ABORTED"
     DEPART = "DEPART"
 
+    @property
+    def number(self) -> int:
+        """Number of the state in the arrays of a log."""
+        return list(Phase).index(self)
+
 
 class PilotConfig(NamedTuple):
     """The configuration of a pilot: the experiment without the simulated world.
@@ -206,19 +211,9 @@ class MissionContext:
 
     def clearance(self) -> float:
         """Return the estimated distance from the chaser's sphere to the target's boxes [m]."""
-        return clearance(self.target, self.estimate.chaser.position, self.estimate.target, self.limits.radius)
-
-
-def clearance(target: Target, position: FloatArray, body: Any, radius: float) -> float:
-    """Return the distance of the chaser's sphere from the target's boxes [m].
-
-    Args:
-        target: The target.
-        position: Position of the chaser in W [m], shape (3,).
-        body: State of the target.
-        radius: Radius of the chaser's sphere [m].
-    """
-    return float(clearances(target, (position - body.position)[None], body.orientation[None], radius)[0])
+        estimate, radius = self.estimate, self.limits.radius
+        orientation = estimate.target.orientation[None]
+        return float(clearances(self.target, estimate.relative[None, :3], orientation, radius)[0])
 
 
 def clearances(target: Target, positions: FloatArray, orientations: FloatArray, radius: float) -> FloatArray:

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from safe_inspect.rendezvous.control.design import TubeDesign
-from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits
+from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits, PlanQuery
 from safe_inspect.types import FloatArray
 
 # Lengths are fractions of the scenario's length, which is 1 m by default.
-#: Clearance that a plan keeps beyond the chaser's radius before a tube is known.
-FIRST_MARGIN = 0.08
 #: Difference between the margin of a tube and the margin required from the plan: a part of the certificate's allowance.
 #: The rest of the allowance is for the times between the plan's samples.
 _PLANNED_ALLOWANCE = 0.6 * ALLOWANCE
@@ -28,11 +26,6 @@ _SPARE_FORCE = 0.005 / 0.30
 _DRIFT = 0.02
 #: Smallest fraction of a limit that a plan may use.
 _LEAST_SHARE = 0.3
-
-
-def _first_margin(times: FloatArray, length: float = 1.0) -> FloatArray:
-    """Return the margin that holds before a tube is known [m], shape (K,)."""
-    return np.full(times.shape, FIRST_MARGIN * length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +44,7 @@ class PlanDemands:
         length: Length of the scenario [m].
     """
 
-    margin: Callable[[FloatArray], FloatArray] = _first_margin
+    margin: Callable[[FloatArray], FloatArray] = PlanQuery.margin
     gain: FloatArray | None = None
     growth: float = 0.0
     keep_in: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
@@ -62,7 +55,7 @@ class PlanDemands:
     @classmethod
     def first(cls, length: float) -> PlanDemands:
         """Return the requirements before a tube is known, in a scenario of a given length [m]."""
-        return cls(margin=lambda times: _first_margin(times, length), length=length)
+        return cls(margin=lambda times: length * PlanQuery.margin(times), length=length)
 
     def limits(self, limits: Limits, position: FloatArray) -> Limits:
         """Return the limits for a plan; the box always contains the position [m], shape (3,), from which it starts."""

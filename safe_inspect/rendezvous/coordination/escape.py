@@ -166,16 +166,8 @@ def _polynomials(
     first = velocity * duration
     rest = goals - position - first
     zero = np.zeros_like(rest)
-    coefficients = np.stack(
-        [
-            zero + position,
-            zero + first,
-            zero,
-            10.0 * rest + 4.0 * first,
-            -15.0 * rest - 7.0 * first,
-            6.0 * rest + 3.0 * first,
-        ]
-    )
+    higher = (10.0 * rest + 4.0 * first, -15.0 * rest - 7.0 * first, 6.0 * rest + 3.0 * first)
+    coefficients = np.stack([zero + position, zero + first, zero, *higher])
     powers = share[:, None] ** np.arange(6)
     slopes = np.arange(1, 6) * share[:, None] ** np.arange(5) / duration
     return np.einsum("kn,nga->gka", powers, coefficients), np.einsum("kn,nga->gka", slopes, coefficients[1:])
@@ -277,9 +269,8 @@ def departure_velocity(
     states = np.hstack([np.broadcast_to(position, directions.shape), speed * directions])
     horizon = max(duration, 2.0 * np.pi / mean_motion) if mean_motion else duration
     hill = to_hill(mean_motion, time, states)
-    paths = np.stack(
-        [hill @ transition(mean_motion, 1.0, at)[0].T for at in np.linspace(0.0, horizon, _FLIGHT_SAMPLES)]
-    )
+    times = np.linspace(0.0, horizon, _FLIGHT_SAMPLES)
+    paths = np.stack([hill @ transition(mean_motion, 1.0, at)[0].T for at in times])
     least = np.minimum(np.linalg.norm(paths[..., :3], axis=2).min(axis=0), (1.0 - _ROUNDING) * distance)
     inside = np.full(len(directions), duration)
     if keep_in is not None:

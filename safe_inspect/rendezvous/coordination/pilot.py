@@ -31,9 +31,8 @@ from safe_inspect.types import FloatArray
 def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
     """Return the limits for the planner in a scenario of a given length [m]."""
     own = chaser.limits
-    same = ("speed", "planned_force", "force", "torque", "line_of_sight_rate", "cone")
     return Limits(
-        **{name: getattr(own, name) for name in same},
+        **own.model_dump(exclude={"tracking_speed", "keep_in"}),
         keep_in=None if own.keep_in is None else np.array(own.keep_in),
         radius=chaser.radius,
         mass=chaser.mass,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -36,20 +36,6 @@ class MissionResult:
 
     summary: dict[str, Any]
     log: MissionLog
-
-
-class MissionStep(NamedTuple):
-    """The readings and the true states at the start of a control step.
-
-    Attributes:
-        readings: The readings of the sensors.
-        chaser: The chaser's true state.
-        target: The target's true state, in its principal axes T.
-    """
-
-    readings: Readings
-    chaser: BodyState
-    target: BodyState
 
 
 class Mission:
@@ -109,12 +95,12 @@ class Mission:
         summary = summarise_mission(self._config, self._target, self._log, self.pilot.arrived, self.pilot.context.cause)
         return MissionResult(summary, self._log)
 
-    def steps(self) -> Iterator[MissionStep]:
-        """Fly the mission and yield each control step before the pilot acts; it ends the mission at the last one."""
+    def steps(self) -> Iterator[tuple[Readings, BodyState, BodyState]]:
+        """Fly the mission; yield the readings and the true states of chaser and target, in T, before the pilot acts."""
         truth, pilot = self._truth, self.pilot
         readings = self._sensors.read(0.0, truth.chaser, truth.target)
         while True:
-            yield MissionStep(readings, truth.chaser, truth.target)
+            yield readings, truth.chaser, truth.target
             command = pilot.act(readings)
             if command is None:
                 return
@@ -137,7 +123,7 @@ class Mission:
         estimate = context.estimate
         self._log.add(
             t=context.time,
-            state=list(Phase).index(context.phase),
+            state=context.phase.number,
             x=np.concatenate([done.chaser_before.position, done.chaser_before.velocity]),
             q=done.chaser_before.orientation,
             w=done.chaser_before.angular_velocity,

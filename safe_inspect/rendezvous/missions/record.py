@@ -66,9 +66,8 @@ class MissionLog:
         for index, plan in enumerate(self.plans):
             names = ("t_start", "times", "position", "velocity", "force", "position_target")
             np.savez_compressed(folder / f"plan_{index}.npz", **{name: getattr(plan, name) for name in names})
-        (folder / SUMMARY).write_text(
-            json.dumps(json_value(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        text = json.dumps(json_value(summary), indent=2, allow_nan=False)
+        (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
 
 
 def json_value(value: Any) -> Any:
@@ -140,13 +139,12 @@ class MissionRecord:
         starts = np.flatnonzero(np.diff(state, prepend=state[0] - 1))
         ends = np.append(time[starts[1:]], time[-1] + self.config.mission.step)
         phases = list(Phase)
-        return [
-            PhaseInterval(phases[state[k]], float(time[k]), float(end)) for k, end in zip(starts, ends, strict=True)
-        ]
+        spans = zip(starts, ends, strict=True)
+        return [PhaseInterval(phases[state[k]], float(time[k]), float(end)) for k, end in spans]
 
     def approach(self) -> int:
         """Return the control step at which the first approach starts, or 0 if there is none."""
-        return int(np.argmax(self.arrays["state"] == list(Phase).index(Phase.TRACK)))
+        return int(np.argmax(self.arrays["state"] == Phase.TRACK.number))
 
     def until(self, time: float) -> MissionRecord:
         """Return the mission up to a time [s]."""

@@ -10,13 +10,12 @@ import numpy as np
 
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text
 from safe_inspect.config.models.fields import written_values
-from safe_inspect.dynamics.quaternion import rotate
-from safe_inspect.dynamics.tumble import angular_acceleration, largest_rate, tumble
+from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.coordination.context import clearance
-from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free
 from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -56,22 +55,12 @@ def checked_target(config: RendezvousConfig) -> Target:
         raise ConfigError(Problem("the mating point is the target's centre of mass", path, hint="give a point outside"))
     spare = float(target.boxes.distance((target.R_MT @ point)[None])[0]) - chaser.radius
     if spare < 0.0:
-        raise ConfigError(
-            Problem(
-                f"the chaser, a sphere of {chaser.radius:g} m, would overlap the target by {-spare:.3g} m there",
-                path,
-                hint="move the point outwards",
-            )
-        )
+        message = f"the chaser, a sphere of {chaser.radius:g} m, would overlap the target by {-spare:.3g} m there"
+        raise ConfigError(Problem(message, path, hint="move the point outwards"))
     box = chaser.limits.keep_in
     if box is not None and distance > np.linalg.norm(box):
-        raise ConfigError(
-            Problem(
-                f"the point is {distance:.3g} m from the centre of mass, farther than any corner of the keep-in box",
-                path,
-                hint="move the point inwards, or enlarge chaser.limits.keep_in",
-            )
-        )
+        message = f"the point is {distance:.3g} m from the centre of mass, farther than any corner of the keep-in box"
+        raise ConfigError(Problem(message, path, hint="move the point inwards, or enlarge chaser.limits.keep_in"))
     return target
 
 
@@ -86,8 +75,7 @@ def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarra
     Raises:
         ConfigError: The chaser overlaps the target.
     """
-    body = BodyState(np.zeros(3), np.zeros(3), orientation, np.zeros(3))
-    spare = clearance(target, np.array(config.chaser.position), body, config.chaser.radius)
+    spare = clearances(target, np.array([config.chaser.position]), orientation[None], config.chaser.radius)[0]
     if spare < 0.0:
         message = f"the chaser would overlap the target by {-spare:.3g} m at the start"
         raise ConfigError(Problem(message, "chaser.position", hint="start farther away"))
@@ -148,26 +136,18 @@ def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) ->
     way = math.hypot(*chaser.position) - math.hypot(*target.mating_point)
     # The chaser accelerates as much as it can over half of the distance, and decelerates over the rest.
     reached = math.hypot(*chaser.velocity) * _HOUR + 0.25 * math.sqrt(3.0) * limits.force / chaser.mass * _HOUR**2
-    moved, turned = (
-        0.5 * step**2 * ratio for ratio in (limits.force / chaser.mass, limits.torque / min(chaser.inertia))
-    )
-    problems = []
-    if not turn < math.pi:
-        message = f"the target turns by {math.degrees(turn):.3g} deg in a control step of {step:g} s"
-        problems.append(
-            Problem(message, _rate_path(config), hint="lower the rate; less than half a turn can be followed")
-        )
-    if not reached >= way:
-        message = (
-            f"{limits.force:g} N move {chaser.mass:g} kg by {reached:.2g} m in an hour; the target is {way:.2g} m away"
-        )
-        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
-    if not moved <= length:
-        message = f"{limits.force:g} N move {chaser.mass:g} kg by {moved:.2g} m in a control step of {step:g} s"
-        problems.append(Problem(message, "chaser.mass", hint="correct it, or chaser.limits.force"))
-    if not turned <= math.pi:
-        message = f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg in a control step of {step:g} s"
-        problems.append(Problem(message, "chaser.inertia", hint="correct it, or chaser.limits.torque"))
+    moved, turned = 0.5 * step**2 * (limits.force / chaser.mass), 0.5 * step**2 * (limits.torque / min(chaser.inertia))
+    during, pushed = f"in a control step of {step:g} s", f"{limits.force:g} N move {chaser.mass:g} kg by"
+    checks = (
+        (turn < math.pi, _rate_path(config), "lower the rate; less than half a turn can be followed",
+         f"the target turns by {math.degrees(turn):.3g} deg {during}"),
+        (reached >= way, "chaser.mass", "correct it, or chaser.limits.force",
+         f"{pushed} {reached:.2g} m in an hour; the target is {way:.2g} m away"),
+        (moved <= length, "chaser.mass", "correct it, or chaser.limits.force", f"{pushed} {moved:.2g} m {during}"),
+        (turned <= math.pi, "chaser.inertia", "correct it, or chaser.limits.torque",
+         f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg {during}"),
+    )  # fmt: skip
+    problems = [Problem(message, path, hint=hint) for fits, path, hint, message in checks if not fits]
     if problems:
         raise ConfigError(problems)
 
@@ -192,54 +172,42 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
     frame_ticks = round(sensors.frame_period / mission.tick)
     lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick
     if "inertial" in reads and lag > _LARGEST_LAG:
-        yield Problem(
-            f"the last inertial sample is up to {1e3 * lag:g} ms older than a frame",
-            "sensors.imu_ticks",
-            hint=f"take a divisor of the {frame_ticks} ticks between two frames",
-        )
+        message = f"the last inertial sample is up to {1e3 * lag:g} ms older than a frame"
+        hint = f"take a divisor of the {frame_ticks} ticks between two frames"
+        yield Problem(message, "sensors.imu_ticks", hint=hint)
     turn = float(largest_rate(target.principal, rates).max()) * sensors.frame_period
     if turn > _LARGEST_TURN:
-        yield Problem(
-            f"the target turns by up to {np.rad2deg(turn):.3g} deg from frame to frame; estimation is tested up to "
-            f"{np.rad2deg(_LARGEST_TURN):.3g} deg",
-            _rate_path(config),
-            hint="lower the rate, or sensors.frame_period",
-        )
+        found, tested = (f"up to {angle:.3g} deg" for angle in np.rad2deg((turn, _LARGEST_TURN)))
+        message = f"the target turns by {found} from frame to frame; estimation is tested {tested}"
+        yield Problem(message, _rate_path(config), hint="lower the rate, or sensors.frame_period")
     if isinstance(config.estimator, PipelineEstimator) and not config.estimator.known_target:
-        yield Problem(
-            "without a known shape the directions of the target's axes are ambiguous, and no approach is planned",
-            "estimator.config.known_target",
-        )
+        message = "without a known shape the directions of the target's axes are ambiguous, and no approach is planned"
+        yield Problem(message, "estimator.config.known_target")
 
 
 def _motion_doubts(
     config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
 ) -> Iterator[Problem]:
     """Yield a problem if the chaser starts too fast, or if the mating point is at all times too fast to follow."""
-    limits, m = config.chaser.limits, target.mating_point
+    limits = config.chaser.limits
     fastest = max(map(abs, config.chaser.velocity))
     if fastest > limits.tracking_speed:
-        yield Problem(
-            f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s",
-            "chaser.velocity",
-            hint="start slower, or raise chaser.limits.tracking_speed",
+        message = (
+            f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s"
         )
-    q, w = tumble(target.principal, attitudes, rates, _TIMES)
-    turning = np.cross(w, m)
-    pull = np.cross(angular_acceleration(target.principal, w), m) + np.cross(w, turning)
-    speed = np.abs(rotate(q, turning)).max(axis=-1)
-    force = config.chaser.mass * np.abs(rotate(q, pull)).max(axis=-1)
+        yield Problem(message, "chaser.velocity", hint="start slower, or raise chaser.limits.tracking_speed")
+    motion = torque_free(target.principal, *tumble(target.principal, attitudes, rates, _TIMES))
+    _, velocity, acceleration = to_inertial(motion, Path(target.mating_point, np.zeros(3), np.zeros(3)))
+    speed = np.abs(velocity).max(axis=-1)
+    force = config.chaser.mass * np.abs(acceleration).max(axis=-1)
     never = np.flatnonzero(~((speed <= limits.speed) & (force <= limits.planned_force)).any(axis=1))
     if len(never):
         first = never[0]
         which = "" if len(attitudes) == 1 else f" in {len(never)} of {len(attitudes)} missions, such as {first},"
-        yield Problem(
-            f"following the mating point{which} takes at least {speed[first].min():.3g} m/s and "
-            f"{force[first].min():.3g} N along an axis; the limits are {limits.speed:g} m/s and "
-            f"{limits.planned_force:g} N",
-            _rate_path(config),
-            hint="lower the rate, or move the mating point inwards",
-        )
+        needed = f"{speed[first].min():.3g} m/s and {force[first].min():.3g} N along an axis"
+        allowed = f"{limits.speed:g} m/s and {limits.planned_force:g} N"
+        message = f"following the mating point{which} takes at least {needed}; the limits are {allowed}"
+        yield Problem(message, _rate_path(config), hint="lower the rate, or move the mating point inwards")
 
 
 def _rate_path(config: RendezvousConfig) -> str:

@@ -85,16 +85,15 @@ class SensorSuite:
         streams: Streams,
         reads: Collection[Reading],
     ) -> None:
-        self._config, self._chaser, self._mission, self._target, self._streams = (
-            config, chaser, mission, target, streams,
-        )  # fmt: skip
+        self._config, self._chaser, self._mission = config, chaser, mission
+        self._target, self._streams = target, streams
         self._reads = frozenset(reads)
         self._renderer = config.camera(target) if "frames" in reads else None
         self._poses = PoseSensorRun(config.poses, streams)
         self._states = StateSensorRun(config.state, mission.update_period, streams)
         self._imu = Imu(config.imu, config.imu_ticks * mission.tick, streams)
-        self._frame_steps = round(config.frame_period / mission.step)
-        self._calls = self._ticks = self._frames = self._seen = 0
+        self._frame_steps = max(1, round(config.frame_period / mission.step))
+        self._calls = self._ticks = self._seen = 0
         self._biases = self._is_imu_silent = False
         self._T_BC = _camera_mount(chaser)
 
@@ -119,10 +118,10 @@ class SensorSuite:
         is_blind = fails("camera", time)
         samples = () if trace is None or "inertial" not in reads else self._samples(trace)
         self._is_imu_silent, self._biases = fails("imu", time), fails("imu_bias", time)
-        is_due = self._calls % self._frame_steps == 0
+        number, late = divmod(self._calls, self._frame_steps)
         start = None if self._calls else chaser
         self._calls += 1
-        frame = self._frame(time, chaser, target, is_blind=is_blind) if is_due else None
+        frame = None if late or is_blind else self._frame(time, chaser, target, number)
         state = self._states.measure(time, chaser, target, silent=is_blind) if "state" in reads else None
         flags = {"camera": is_blind, "imu": self._is_imu_silent}
         silent = frozenset(name for name, is_silent in flags.items() if is_silent)
@@ -141,11 +140,8 @@ class SensorSuite:
             measured.append(InertialSample(time, acceleration + bias[:3], turning + bias[3:]))
         return () if self._is_imu_silent else tuple(measured)
 
-    def _frame(self, time: float, chaser: BodyState, target: BodyState, *, is_blind: bool) -> DepthFrame | None:
-        """Return the frame that is due; None if the camera is silent or not read."""
-        number, self._frames = self._frames, self._frames + 1
-        if is_blind:
-            return None
+    def _frame(self, time: float, chaser: BodyState, target: BodyState, number: int) -> DepthFrame | None:
+        """Return the frame with a number; None if no frames are read."""
         T_MB = pose_in_model(self._target, chaser, target)  # noqa: N806
         T_MC = T_MB @ self._T_BC  # noqa: N806
         if self._renderer is not None:
@@ -160,6 +156,5 @@ class SensorSuite:
         centre = -T_MC[:3, :3].T @ T_MC[:3, 3]
         half = 0.5 * np.array([camera.width, camera.height]) / camera.focal_length
         in_view = centre[2] > 0.0 and (np.abs(centre[:2]) <= half * centre[2] + self._target.swept_radius).all()
-        return PoseFrame(
-            **vars(no_frame(time)), number=number, poses=self._poses.measure(number, T_MB, in_view=in_view)
-        )
+        poses = self._poses.measure(number, T_MB, in_view=in_view)
+        return PoseFrame(**vars(no_frame(time)), number=number, poses=poses)

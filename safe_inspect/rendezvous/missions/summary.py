@@ -133,7 +133,7 @@ def summarise_mission(
     """
     arrays = mission_log.arrays()
     mission = config.mission
-    moves = (arrays["state"] == list(Phase).index(Phase.TRACK)) | (arrays["state"] == list(Phase).index(Phase.MP_HOLD))
+    moves = np.isin(arrays["state"], [Phase.TRACK.number, Phase.MP_HOLD.number])
     plans = [event["data"] for event in mission_log.events if event["event"] == "plan"]
     position, speed = _mating_error(arrays, target.mating_point)
     gauge = _gauge(arrays, moves)
@@ -166,7 +166,7 @@ def summarise_mission(
         "escape_missing": sum(event["event"] == "no_escape" for event in mission_log.events),
         "keep_in_excursion": excursion,
         "contact_speed": _contact_speed(arrays),
-        "given_up": bool(arrays["state"][-1] == list(Phase).index(Phase.DEPART)),
+        "given_up": bool(arrays["state"][-1] == Phase.DEPART.number),
         **_final_motion(arrays["x"][-1]),
     }
 
@@ -200,10 +200,7 @@ def _final_motion(x: FloatArray) -> dict[str, float]:
 
 def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
     """Return the attitude error [rad] and the NEES at the first step after the target was characterised."""
-    order = [*Phase]
-    known = np.isin(
-        arrays["state"], [order.index(phase) for phase in (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK)]
-    )
+    known = np.isin(arrays["state"], [one.number for one in (Phase.PLAN, Phase.BOUND, Phase.WAIT, Phase.TRACK)])
     if not known.any():
         return {"attitude_error": None, "nees": None}
     k = int(np.argmax(known))

@@ -81,13 +81,8 @@ class ChaserFlight:
         self, config: RendezvousConfig, start: BodyState, time: float = 0.0, streams: Streams | None = None
     ) -> None:
         chaser, own, mission = config.chaser, config.chaser.actuator, config.mission
-        actuators = Actuators(
-            force=chaser.limits.force,
-            torque=chaser.limits.torque,
-            scale_error=own.scale_error,
-            force_noise=own.force_noise,
-            torque_noise=own.torque_noise,
-        )
+        errors = own.model_dump(exclude={"lag"})
+        actuators = Actuators(force=chaser.limits.force, torque=chaser.limits.torque, **errors)
         self._simulation = Simulation(
             FreeFlyer(inertia=chaser.inertia, lag=own.lag, mean_motion=mission.mean_motion, keeps_trace=True),
             () if streams is None else (actuators,),
@@ -228,9 +223,6 @@ class Replay(NamedTuple):
         orientation: Attitude q_WB of the chaser, shape (K, 4).
         target: Attitude q_WT of the target, shape (K, 4).
         clearance: Distance of the chaser's sphere to the target's boxes [m], shape (K,).
-        translation_difference: Largest difference of a component of `translation` from the log [m, m/s].
-        orientation_difference: Largest difference of a component of q_WB from the log.
-        clearance_difference: Largest difference of the least clearance of a control step from the log [m].
     """
 
     time: FloatArray
@@ -238,38 +230,23 @@ class Replay(NamedTuple):
     orientation: FloatArray
     target: FloatArray
     clearance: FloatArray
-    translation_difference: float
-    orientation_difference: float
-    clearance_difference: float
 
 
 def replay(folder: str | os.PathLike[str]) -> Replay:
     """Run the commands of a mission's log again from the logged initial state.
+
+    The log contains the states before each control step, which are those of the replay after each `control_ticks`.
 
     Raises:
         CheckpointError: A file is missing or damaged.
     """
     record = read_mission(folder)
     config, target, logged = record.config, record.target, record.arrays
-    mission = config.mission
-    steps, ticks = len(logged["t"]), mission.control_ticks
-    start = BodyState(logged["x"][0, :3], logged["x"][0, 3:], logged["q"][0], logged["w"][0])
-    flight = ChaserFlight(config, start)
+    flight = ChaserFlight(config, BodyState(logged["x"][0, :3], logged["x"][0, 3:], logged["q"][0], logged["w"][0]))
     parts = [flight.step(flown[:3], flown[3:])[0] for flown in logged["flown"]]
-    translation = np.concatenate([np.hstack((part.position, part.velocity)) for part in parts])
-    orientation = np.concatenate([part.orientation for part in parts])
-    time = mission.tick * np.arange(1, steps * ticks + 1)
-    at_start = (logged["target_q"][0], logged["target_w"][0])
-    q, _ = target_motion(target.principal, at_start, mission.impulses, time)
-    clearance = clearances(target, translation[:, :3], q, config.chaser.radius)
-    after = slice(ticks - 1, -1, ticks)  # The log contains the states before each step.
-    return Replay(
-        time,
-        translation,
-        orientation,
-        q,
-        clearance,
-        float(np.abs(translation[after] - logged["x"][1:]).max(initial=0.0)),
-        float(np.abs(orientation[after] - logged["q"][1:]).max(initial=0.0)),
-        float(np.abs(clearance.reshape(steps, ticks).min(axis=1) - logged["clearance"]).max()),
-    )
+    position, velocity, orientation, _, _ = (np.concatenate(values) for values in zip(*parts, strict=True))
+    time = config.mission.tick * np.arange(1, len(position) + 1)
+    tumbling = (logged["target_q"][0], logged["target_w"][0])
+    q, _ = target_motion(target.principal, tumbling, config.mission.impulses, time)
+    clearance = clearances(target, position, q, config.chaser.radius)
+    return Replay(time, np.hstack((position, velocity)), orientation, q, clearance)

@@ -28,13 +28,11 @@ class Certificate(NamedTuple):
         certified: Whether the clearance is proved.
         clearance: Lower bound of (distance - radius - margin) if certified, else a value that the path reaches [m].
         time: Time since the plan's start at which the proof failed [s]; NaN if certified.
-        evaluations: Number of computed distances.
     """
 
     certified: bool
     clearance: float
     time: float
-    evaluations: int
 
 
 def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution: float = 1e-3) -> Certificate:
@@ -56,7 +54,7 @@ def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution:
     speed = float(path.largest_speed + rate * path.largest_distance)
     edges = np.linspace(0.0, path.duration, _INTERVALS + 1)
     left, right = edges[:-1], edges[1:]
-    least, evaluations = np.inf, 0
+    least = np.inf
     while len(left):
         middle = 0.5 * (left + right)
         p, _, _ = path.at(middle)
@@ -65,16 +63,15 @@ def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution:
         margin = np.max([query.margin(left), query.margin(middle), query.margin(right)], axis=0)
         spare = query.boxes.distance(in_target @ query.R_MT.T) - query.limits.radius - margin
         bound = spare - 0.5 * speed * (right - left)
-        evaluations += len(middle)
         clear = bound >= -allowance
         least = min(least, float(bound[clear].min(initial=np.inf)))
         failed = ~clear & ((spare < -allowance) | (speed * (right - left) < 2.0 * resolution))
         if failed.any():
             worst = int(np.where(failed, spare, np.inf).argmin())
-            return Certificate(False, float(spare[worst]), float(middle[worst]), evaluations)
+            return Certificate(False, float(spare[worst]), float(middle[worst]))
         left, middle, right = left[~clear], middle[~clear], right[~clear]
         left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
-    return Certificate(True, least, float("nan"), evaluations)
+    return Certificate(True, least, float("nan"))
 
 
 def start_problem(query: PlanQuery) -> str:
@@ -127,23 +124,18 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
         return "its samples are not finite"
     fastest, farthest = (float(np.linalg.norm(value, axis=1).max()) for value in (velocity, position))
     if fastest > path.largest_speed * (1.0 + 1e-9) or farthest > path.largest_distance * (1.0 + 1e-9):
-        return (
-            f"its path states bounds of {path.largest_speed:.4g} m/s and {path.largest_distance:.4g} m, and reaches "
-            f"{fastest:.4g} m/s and {farthest:.4g} m"
-        )
-    ends = (
-        ("starts", "m from the chaser", plan.position[0] - query.state[:3]),
-        ("starts", "m/s off the chaser's velocity", plan.velocity[0] - query.state[3:]),
-        ("ends", "m from the mating point", plan.position_target[-1] - query.mating_point),
-        ("ends", "m/s off the mating point's velocity", plan.velocity_target[-1]),
-    )
-    for verb, what, error in ends:
-        if float(np.linalg.norm(error)) > _END_ERROR * query.length:
-            return f"it {verb} {float(np.linalg.norm(error)):.3g} {what}"
-    for name, unit, value, most in (
-        ("force", "N", np.abs(plan.force).max(), limits.planned_force),
-        ("speed", "m/s", np.abs(velocity).max(), limits.speed),
+        stated = f"{path.largest_speed:.4g} m/s and {path.largest_distance:.4g} m"
+        return f"its path states bounds of {stated}, and reaches {fastest:.4g} m/s and {farthest:.4g} m"
+    for what, error in (
+        ("starts {} m from the chaser", plan.position[0] - query.state[:3]),
+        ("starts {} m/s off the chaser's velocity", plan.velocity[0] - query.state[3:]),
+        ("ends {} m from the mating point", plan.position_target[-1] - query.mating_point),
+        ("ends {} m/s off the mating point's velocity", plan.velocity_target[-1]),
     ):
+        if float(np.linalg.norm(error)) > _END_ERROR * query.length:
+            return f"it {what.format(f'{float(np.linalg.norm(error)):.3g}')}"
+    force, speed = np.abs(plan.force).max(), np.abs(velocity).max()
+    for name, unit, value, most in (("force", "N", force, limits.planned_force), ("speed", "m/s", speed, limits.speed)):
         if value > most * (1.0 + _EXCESS):
             return f"its {name} is {value:.3g} {unit} along an axis; the limit is {most:.3g} {unit}"
     box = np.full(3, np.inf) if limits.keep_in is None else np.asarray(limits.keep_in)

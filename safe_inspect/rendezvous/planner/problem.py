@@ -181,9 +181,8 @@ def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
         q: The target's attitude q_WT, shape (4,).
         w: The target's angular velocity in T [rad/s], shape (3,).
     """
-    m, turning = query.mating_point, np.cross(w, query.mating_point)
-    acceleration = np.cross(angular_acceleration(query.inertia, w), m) + np.cross(w, turning)
-    return rotate(q[None], np.stack((m, turning, acceleration)))
+    point = Path(query.mating_point, np.zeros(3), np.zeros(3))
+    return np.stack(to_inertial(torque_free(query.inertia, q, w), point))
 
 
 def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report: PlanReport | None = None) -> Plan:

@@ -17,8 +17,8 @@ from safe_inspect.types import FloatArray
 ALLOWANCE = 0.01
 
 
-def _constant_margin(times: FloatArray) -> FloatArray:
-    """Return a clearance margin of 8 cm at all times."""
+def _first_margin(times: FloatArray) -> FloatArray:
+    """Return the clearance beyond the chaser's radius before a tube is known: 8 cm at all times."""
     return np.full(times.shape, 0.08)
 
 
@@ -89,7 +89,7 @@ class PlanQuery:
     boxes: OrientedBoxes
     R_MT: FloatArray
     limits: Limits = field(default_factory=Limits)
-    margin: Callable[[FloatArray], FloatArray] = _constant_margin
+    margin: Callable[[FloatArray], FloatArray] = _first_margin
     durations: tuple[float, ...] = (60.0,)
     waits: tuple[float, ...] = (0.0,)
     mean_motion: float = 0.0

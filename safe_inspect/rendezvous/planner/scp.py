@@ -63,8 +63,7 @@ class LinearLimits:
         limits, basis = problem.limits, problem.basis
         hulls = np.concatenate((basis.velocity_hull, basis.acceleration_hull))
         bound = np.repeat(
-            (limits.speed, problem.query.planned_acceleration),
-            (len(basis.velocity_hull), len(basis.acceleration_hull)),
+            (limits.speed, problem.query.planned_acceleration), (len(basis.velocity_hull), len(basis.acceleration_hull))
         )
         touched = np.abs(hulls[:, basis.free]).max(axis=1) > 0.0
         fixed = hulls[touched] @ problem.ends

@@ -189,10 +189,8 @@ def pick_point(log: SensorLog, frame: int, column: int, row: int, distance: floa
     """
     camera = log.description.camera
     if not (0 <= frame < len(log) and 0 <= column < camera.width and 0 <= row < camera.height):
-        raise ConfigError(
-            f"{log.folder}: frame {frame}, column {column}, row {row} is not in the log; it has {len(log)} frames of "
-            f"{camera.width} x {camera.height} pixels, counted from 0"
-        )
+        size = f"{len(log)} frames of {camera.width} x {camera.height} pixels, counted from 0"
+        raise ConfigError(f"{log.folder}: frame {frame}, column {column}, row {row} is not in the log; it has {size}")
     image = log.frame(frame)
     if not image.valid[row, column]:
         raise ConfigError(

@@ -30,6 +30,8 @@ TRUTH_COLUMNS = (
     "T_MB_x", "T_MB_y", "T_MB_z", "q_MB_x", "q_MB_y", "q_MB_z", "q_MB_w",
     "q_WT_x", "q_WT_y", "q_WT_z", "q_WT_w", "rate_x", "rate_y", "rate_z",
 )  # fmt: skip
+#: Columns of each quantity in the truth.
+TRUTH_PARTS = {"T_MB": slice(1, 4), "q_MB": slice(4, 8), "q_WT": slice(8, 12), "rate": slice(12, 15)}
 #: Name of the array of depths in an NPZ file.
 DEPTH = "depth"
 _Point = tuple[Length, Length, Length]  # type: ignore[valid-type]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from safe_inspect.errors import ConfigError, Problem
-from safe_inspect.rendezvous.recording.format import FRAMES, IMU_FILES, TRUTH, TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.format import FRAMES, IMU_FILES, TRUTH, TRUTH_PARTS
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
@@ -116,9 +116,6 @@ def _truth_doubts(log: SensorLog) -> Iterator[Problem]:
     if apart > 1e-3:
         yield Problem(f"{log.folder / TRUTH}: its times differ from the frames' by up to {apart:.4g} s")
     for name in ("q_MB", "q_WT"):
-        first = TRUTH_COLUMNS.index(f"{name}_x")
-        length = np.linalg.norm(log.truth[:, first : first + 4], axis=1)
-        if np.abs(length - 1.0).max() > 1e-3:
-            yield Problem(
-                f"{log.folder / TRUTH}: {name} is not a unit quaternion in row {np.abs(length - 1.0).argmax()}"
-            )
+        error = np.abs(np.linalg.norm(log.truth[:, TRUTH_PARTS[name]], axis=1) - 1.0)
+        if error.max() > 1e-3:
+            yield Problem(f"{log.folder / TRUTH}: {name} is not a unit quaternion in row {error.argmax()}")

@@ -10,11 +10,10 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from pydantic import ValidationError
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.messages.report import validated
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.rendezvous.poses import pose
@@ -27,7 +26,9 @@ from safe_inspect.rendezvous.recording.format import (
     IMU_FILES,
     TRUTH,
     TRUTH_COLUMNS,
+    CameraDescription,
     SensorDescription,
+    StartDescription,
 )
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
@@ -59,15 +60,13 @@ class SensorLog:
     @property
     def T_BC(self) -> FloatArray:  # noqa: N802
         """Pose of the camera in B, shape (4, 4)."""
-        camera = self.description.camera
-        return pose(to_matrix(normalise(np.array(camera.orientation))), np.array(camera.position))
+        return _pose(self.description.camera)
 
     @property
     def start(self) -> tuple[FloatArray, FloatArray]:
         """T_WB, shape (4, 4), and velocity in W [m/s], shape (3,), of the chaser at the first frame."""
         start = self.description.start
-        rotation = to_matrix(normalise(np.array(start.orientation)))
-        return pose(rotation, np.array(start.position)), np.array(start.velocity)
+        return _pose(start), np.array(start.velocity)
 
     def steps(self) -> Iterator[tuple[DepthFrame, FloatArray]]:
         """Yield each frame with the inertial samples since the previous frame, shape (k, 7).
@@ -106,12 +105,14 @@ class SensorLog:
         camera, name = self.description.camera, self.files[index]
         depth = _depth(self.folder / name, camera.depth_unit)
         if depth.shape != (camera.height, camera.width):
-            raise _frame_error(
-                self.folder / name,
-                f"the image has {depth.shape[1] if depth.ndim == 2 else '?'} x {depth.shape[0]} pixels",
-                f"{DESCRIPTION} says {camera.width} x {camera.height}; correct one of them",
-            )
+            found = f"the image has {depth.shape[1] if depth.ndim == 2 else '?'} x {depth.shape[0]} pixels"
+            hint = f"{DESCRIPTION} says {camera.width} x {camera.height}; correct one of them"
+            raise _frame_error(self.folder / name, found, hint)
         return np.where(np.isfinite(depth), depth, 0.0)
+
+
+def _pose(described: CameraDescription | StartDescription) -> FloatArray:
+    return pose(to_matrix(normalise(np.array(described.orientation))), np.array(described.position))
 
 
 def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
@@ -147,10 +148,7 @@ def _description(path: Path) -> SensorDescription:
     tree = load(path)
     if not isinstance(tree, LocatedDict):
         raise ConfigError(f"{path}: it must contain the keys `camera`, `imu` and `start`")
-    try:
-        return SensorDescription.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(problems_of(error, tree, model=SensorDescription)) from None
+    return validated(SensorDescription, tree)
 
 
 def _frames(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
@@ -181,9 +179,8 @@ def _parquet(path: Path, columns: Sequence[str]) -> FloatArray:
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowInvalid) as error:
-        raise ConfigError(
-            f"{path}: it cannot be read as Parquet ({error}); write it again, or give a CSV file"
-        ) from None
+        message = f"it cannot be read as Parquet ({error}); write it again, or give a CSV file"
+        raise ConfigError(f"{path}: {message}") from None
     missing = [name for name in columns if name not in table.column_names]
     if missing:
         raise ConfigError(f"{path}: the column `{missing[0]}` is missing; it needs {', '.join(columns)}")
@@ -237,29 +234,30 @@ def _check_times(path: Path, times: FloatArray) -> None:
 
 def _depth(path: Path, unit: float) -> FloatArray:
     """Return the depths of a file [m]."""
-    if path.suffix.lower() == ".npz":
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                if DEPTH not in arrays:
-                    raise _frame_error(
-                        path, f"it has no array `{DEPTH}`", f"it has {', '.join(arrays.files)}; rename one"
-                    )
-                return np.asarray(arrays[DEPTH], dtype=np.float64)
-        except (OSError, ValueError, EOFError, BadZipFile) as error:
-            raise _frame_error(path, f"it cannot be read ({error})", "write it with numpy.savez") from None
-    if path.suffix.lower() == ".png":
-        from PIL import Image
+    kind = path.suffix.lower()
+    if kind not in (".npz", ".png"):
+        raise _frame_error(path, f"the file type {path.suffix!r} is not supported", "give NPZ or 16-bit PNG files")
+    try:
+        return _npz_depth(path) if kind == ".npz" else _png_depth(path) * unit
+    except (OSError, ValueError, EOFError, BadZipFile, SyntaxError) as error:
+        hint = "write it with numpy.savez" if kind == ".npz" else "write a PNG with one channel of 16 bits"
+        raise _frame_error(path, f"it cannot be read ({error})", hint) from None
 
-        try:
-            with Image.open(path) as image:
-                if not image.mode.startswith("I"):
-                    raise _frame_error(path, f"its pixels are {image.mode!r}", "write one channel of 16 bits")
-                return np.asarray(image, dtype=np.float64) * unit
-        except (OSError, SyntaxError) as error:
-            raise _frame_error(
-                path, f"it cannot be read ({error})", "write a PNG with one channel of 16 bits"
-            ) from None
-    raise _frame_error(path, f"the file type {path.suffix!r} is not supported", "give NPZ or 16-bit PNG files")
+
+def _npz_depth(path: Path) -> FloatArray:
+    with np.load(path, allow_pickle=False) as arrays:
+        if DEPTH not in arrays:
+            raise _frame_error(path, f"it has no array `{DEPTH}`", f"it has {', '.join(arrays.files)}; rename one")
+        return np.asarray(arrays[DEPTH], dtype=np.float64)
+
+
+def _png_depth(path: Path) -> FloatArray:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if not image.mode.startswith("I"):
+            raise _frame_error(path, f"its pixels are {image.mode!r}", "write one channel of 16 bits")
+        return np.asarray(image, dtype=np.float64)
 
 
 def _frame_error(path: Path, message: str, hint: str) -> ConfigError:

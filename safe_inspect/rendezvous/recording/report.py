@@ -13,7 +13,7 @@ from safe_inspect.rendezvous.estimation.states import largest_sigma
 from safe_inspect.rendezvous.missions.record import json_value
 from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
-from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS, write_table
+from safe_inspect.rendezvous.recording.format import TRUTH_PARTS, write_table
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
 
@@ -53,10 +53,8 @@ def summary_of(log: SensorLog, estimate: LogEstimate) -> dict[str, Any]:
 
 
 def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[str, float]:
-    column = {name: place for place, name in enumerate(TRUTH_COLUMNS)}
-    attitude = truth[:, column["q_WT_x"] : column["q_WT_w"] + 1]
-    rate = truth[-1, column["rate_x"] : column["rate_z"] + 1]
-    error = estimate.attitude_error(log.times, attitude)
+    rate = truth[-1, TRUTH_PARTS["rate"]]
+    error = estimate.attitude_error(log.times, truth[:, TRUTH_PARTS["q_WT"]])
     _, w = estimate.target.predict(log.times[-1:])
     # Without a pose to the model the directions of the axes are only known up to half turns.
     choices = [np.ones(3)]
