@@ -78,7 +78,7 @@ class ConfigError(SafeInspectError):
         super().__init__("\n".join([*lines, f"and {more} more"] if more else lines))
 
 
-class RegistryError(SafeInspectError, LookupError):
+class RegistryError(SafeInspectError, LookupError, ValueError):
     """A plugin name that is unknown, ambiguous or already registered."""
 
 

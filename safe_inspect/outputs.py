@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -46,21 +47,16 @@ def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> I
     special = target.exists() and not target.is_file()
     target = target if special else Path(os.path.realpath(target))
     work = target if special else target.with_name(f".{target.stem}.{os.getpid()}.new{target.suffix}")
-    try:
-        with _parent(target):
-            try:
-                _check_access(target)
-                yield work
-                if not special:
-                    os.replace(work, target)
-            finally:
-                if not special:
-                    with suppress(OSError):
-                        work.unlink()
-    except OutputError:
-        raise
-    except OSError as error:
-        raise cannot_write(path, error, hint) from None
+    with _explained(path, hint), _parent(target):
+        try:
+            _check_access(target)
+            yield work
+            if not special:
+                os.replace(work, target)
+        finally:
+            if not special:
+                with suppress(OSError):
+                    work.unlink()
 
 
 @contextmanager
@@ -82,28 +78,23 @@ def new_folder(
         OutputError: `path` exists and may not be replaced, or the folder cannot be written.
     """
     target = Path(path).expanduser().absolute()
-    work = None
-    try:
+    work, kept = target.parent / f".{target.name}.{secrets.token_hex(4)}.new", False
+    with _explained(path, hint, "folder"):
         check_new_folder(path, command, force=force, hint=hint)
         with _parent(target):
             try:
-                work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".new", dir=target.parent))
-                os.chmod(work, 0o777 & ~_umask())
+                work.mkdir()
                 yield work
                 mark_folder(work, command, _files(work))
                 try:
                     check_new_folder(path, command, force=force, hint=hint)
                 except OutputError as error:
-                    kept, work = work, None
-                    raise OutputError(f"{error}; what was written is in {kept}") from None
+                    kept = True
+                    raise OutputError(f"{error}; what was written is in {work}") from None
                 _put(work, target)
             finally:
-                if work is not None:
+                if not kept:
                     shutil.rmtree(work, ignore_errors=True)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise cannot_write(path, error, hint, "folder") from None
 
 
 def check_new_folder(
@@ -216,14 +207,10 @@ def check_writable(path: Path, endings: Collection[str] = ()) -> None:
     if path.is_dir():
         raise OutputError(f"{path}: the file cannot be written (it is a folder); give a file")
     target = path.expanduser()
-    try:
-        with _parent(target, keep=False):
-            _check_access(target)
-            if target.is_file() or not target.exists():
-                with tempfile.NamedTemporaryFile(dir=target.absolute().parent, prefix=f".{target.name}."):
-                    pass
-    except OSError as error:
-        raise cannot_write(path, error) from None
+    with _explained(path), _parent(target, keep=False):
+        _check_access(target)
+        if target.is_file() or not target.exists():
+            tempfile.NamedTemporaryFile(dir=target.absolute().parent, prefix=f".{target.name}.").close()
 
 
 def check_parent(folder: Path, hint: str = "give another with --output") -> None:
@@ -235,11 +222,8 @@ def check_parent(folder: Path, hint: str = "give another with --output") -> None
     place = folder.expanduser().absolute()
     while not os.path.lexists(place):
         place = place.parent
-    try:
-        with tempfile.TemporaryDirectory(dir=place, prefix=".safe_inspect."):
-            pass
-    except OSError as error:
-        raise cannot_write(folder, error, hint, "output folder") from None
+    with _explained(folder, hint, "output folder"):
+        tempfile.TemporaryDirectory(dir=place, prefix=".safe_inspect.").cleanup()
 
 
 def cannot_write(
@@ -261,6 +245,17 @@ def is_full(folder: Path) -> bool:
     except OSError as error:
         return error.errno in NO_SPACE
     return False
+
+
+@contextmanager
+def _explained(path: str | os.PathLike[str], hint: str = "give another file", what: str = "file") -> Iterator[None]:
+    """Raise `cannot_write` in place of errors of the operating system in a block."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        raise cannot_write(path, error, hint, what) from None
 
 
 @contextmanager
@@ -310,13 +305,6 @@ def _put(work: Path, target: Path) -> None:
             os.replace(old, target)
         if old.exists():
             remove_written(old)
-
-
-def _umask() -> int:
-    """Return the file mode creation mask, which can only be read by setting it."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def check_ending(path: Path, endings: Sequence[str], what: str, option: str = "--output") -> None:

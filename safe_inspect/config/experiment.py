@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from safe_inspect.config.building.assemble import assemble
-from safe_inspect.config.building.policies import policies_of
+from safe_inspect.config.building.team import policies_of
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
@@ -120,14 +120,11 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
 
 def _told_once(problems: list[Problem]) -> list[Problem]:
     """Return the problems without those that a template repeats for each of its agents (same place, same mistake)."""
-    seen: set[Any] = set()
-    kept = []
+    kept: dict[Any, Problem] = {}
     for problem in problems:
         key = (problem.message, problem.location, problem.hint) if problem.location is not None else problem
-        if key not in seen:
-            seen.add(key)
-            kept.append(problem)
-    return kept
+        kept.setdefault(key, problem)
+    return list(kept.values())
 
 
 def _rllib(
@@ -158,7 +155,7 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
     If both contain one, that of the environment applies, as in safe-autonomy-sims; that of the RLlib keys is not
     removed, so that training reports that it has no effect.
     """
-    own, other = config.config.config.env_config.horizon, rllib.get("horizon")
+    own, other = config.environment.horizon, rllib.get("horizon")
     if own is None or own == other:
         rllib.pop("horizon", None)
     if other is not None and (isinstance(other, bool) or not isinstance(other, int) or not 1 <= other <= MAX_HORIZON):
@@ -167,7 +164,7 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
         other = None
     horizon = own or other
     for index, entry in enumerate(config.agent_config):
-        for place, done in enumerate(entry.config.config.dones):
+        for place, done in enumerate(entry.body.dones):
             limit = done.functor.horizon if isinstance(done.functor, EpisodeLengthDone) else None
             if limit is not None and horizon is not None and limit != horizon:
                 second = ("agent_config", index, "config", "config", "dones", place)

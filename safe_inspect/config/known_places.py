@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
-from safe_inspect.config.loading.located import LocatedDict, has
+from safe_inspect.config.loading.located import LocatedDict, has, value_at, with_value
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys, plugin_of
 
@@ -21,24 +21,17 @@ def with_empty_mappings(tree: Any) -> Any:
 
     A tree that is not an experiment is returned unchanged.
     """
-    body: Any = tree
-    for key in _TASK:
-        body = body.get(key) if isinstance(body, Mapping) else None
-    if not isinstance(body, Mapping):
+    if not isinstance(value_at(tree, _TASK), Mapping):
         return tree
-    body = _copy(body)
-    for key in ("rllib_configs", "tune_config", "ray_config"):
-        body[key] = _copy(body.get(key) or {})
-    body["rllib_configs"] = _copy(body["rllib_configs"] or {"default": {}})
-    for name, keys in body["rllib_configs"].items():
-        body["rllib_configs"][name] = _copy(keys or {})
-        if not _has_model(tree):
-            body["rllib_configs"][name].setdefault("model_config", LocatedDict())
-    body["tune_config"]["stop"] = _copy(body["tune_config"].get("stop") or {})
-    outer = _copy(tree)
-    outer["config"] = _copy(tree["config"])
-    outer["config"]["config"] = body
-    return outer
+    places: list[tuple[str, ...]] = [("rllib_configs",), ("tune_config",), ("tune_config", "stop"), ("ray_config",)]
+    has_model = _has_model(tree)
+    for name in value_at(tree, (*_TASK, "rllib_configs")) or ("default",):
+        places += [("rllib_configs", name), *([] if has_model else [("rllib_configs", name, "model_config")])]
+    for place in places:
+        path = (*_TASK, *place)
+        if not value_at(tree, path) and isinstance(value_at(tree, path[:-1]), Mapping):
+            tree = with_value(tree, path, LocatedDict(), None)
+    return tree
 
 
 def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
@@ -68,7 +61,7 @@ def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
 
 def learning_keys(tree: Any) -> set[str]:
     """Return the keys of RLlib, Tune and Ray that are permitted in an experiment; none for other trees."""
-    if with_empty_mappings(tree) is tree:
+    if not isinstance(value_at(tree, _TASK), Mapping):
         return set()
     return {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
 
@@ -84,12 +77,6 @@ def spellings(key: str) -> Iterator[str]:
 
 
 def _has_model(tree: Any) -> bool:
-    agents = tree.get("agent_config")
-    policies = [agent.get("policy") for agent in agents or () if isinstance(agent, Mapping)]
-    configs = [policy.get("config") for policy in policies if isinstance(policy, Mapping)]
-    configs += tree["config"]["config"].get("rllib_configs", {}).values()
+    configs = [value_at(agent, ("policy", "config")) for agent in tree.get("agent_config") or ()]
+    configs += (value_at(tree, (*_TASK, "rllib_configs")) or {}).values()
     return any("model_config" in config or "model" in config for config in configs if isinstance(config, Mapping))
-
-
-def _copy(mapping: Mapping[Any, Any]) -> LocatedDict:
-    return mapping.copy() if isinstance(mapping, LocatedDict) else LocatedDict(mapping)

@@ -9,7 +9,7 @@ from typing import Any
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.keys.old_keys import RENAMED
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FLOWN_ALGORITHMS
-from safe_inspect.config.loading.located import has, locate, path_text
+from safe_inspect.config.loading.located import has, locate, path_text, value_at
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import Problem
 
@@ -93,7 +93,7 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
     else:
         places = [(*_TASK, *steps)]
     for place in places:
-        if _stands(experiment.tree, place):
+        if has(value_at(experiment.tree, place[:-1]), place[-1]):
             return Problem(problem.message, path_text(place), locate(experiment.tree, place), problem.hint)
     return problem
 
@@ -113,11 +113,3 @@ def _places_of_policy(experiment: Experiment, path: str) -> list[_KeyPath]:
             base: _KeyPath = ("agent_config", index, "policy")
             places += [(*base, "config", *key.split(".")), (*base, key), base, base[:-1]]
     return places
-
-
-def _stands(tree: Any, path: _KeyPath) -> bool:
-    for key in path:
-        if not has(tree, key):
-            return False
-        tree = tree[key]
-    return True

@@ -23,7 +23,7 @@ from safe_inspect.config.known_places import (
     with_empty_mappings,
 )
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, has, locate
+from safe_inspect.config.loading.located import LocatedList, locate, rewritten, value_at, with_value
 from safe_inspect.config.loading.merge import items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys
@@ -79,7 +79,7 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         if len(found) == 1:
             return _removed(tree, found[0])
     elif not found:
-        found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(_at(tree, path), Mapping)]
+        found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(value_at(tree, path), Mapping)]
         if dotted in OTHER_WORDS:
             hint = f"did you mean `{OTHER_WORDS[dotted]}={text}`?"
             raise ConfigError(Problem(f"`{dotted}` is not a key here", location=location, hint=hint))
@@ -111,13 +111,13 @@ def _existing(tree: Any, parts: list[str]) -> list[Found]:
     """Return every position in the tree that a path matches, from the root or as the end of a path."""
     if any(True for _ in _steps(tree, parts[0])):
         return _walk(tree, parts)
-    return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(_at(tree, path), parts)))
+    return list(dict.fromkeys(path + end for path in _containers(tree) for end in _walk(value_at(tree, path), parts)))
 
 
 def _shortest(tree: Any, path: Found, parts: list[str]) -> str:
     """Return the path from the innermost named item of a list if it is unique, otherwise the whole path."""
     for depth in range(len(path) - len(parts), 0, -1):
-        holder = _at(tree, path[:depth])
+        holder = value_at(tree, path[:depth])
         for name in names_of(holder[path[depth]]) if isinstance(holder, list) else ():
             end = [name, *map(str, path[depth + 1 :])]
             if "." not in name and not any(part.isdecimal() for part in end) and _fits_alone(tree, end, path):
@@ -138,7 +138,7 @@ def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
         if found:
             return tree, found
     filled = with_empty_mappings(tree)
-    holders = [path for path in _containers(filled) if isinstance(_at(filled, path), Mapping)]
+    holders = [path for path in _containers(filled) if isinstance(value_at(filled, path), Mapping)]
     if len(parts) > 1:
         fitting = set(_existing(filled, parts[:-1]))
         holders = [path for path in holders if path in fitting]
@@ -153,7 +153,7 @@ def _with_platform(tree: Any, parts: list[str]) -> list[str]:
     """Return a path with the only compute platform inserted after `rllib_configs`, if it is missing."""
     for index, part in enumerate(parts[:-1]):
         for path in _existing(tree, ["rllib_configs"]) if part == "rllib_configs" else ():
-            names = [str(name) for name in _at(tree, path) or ()]
+            names = [str(name) for name in value_at(tree, path) or ()]
             if len(names) == 1 and parts[index + 1] not in names:
                 return [*parts[: index + 1], *names, *parts[index + 1 :]]
     return parts
@@ -161,9 +161,9 @@ def _with_platform(tree: Any, parts: list[str]) -> list[str]:
 
 def _removed(tree: Any, path: Found) -> Any:
     """Return the tree without the value at a path."""
-    holder = _at(tree, path[:-1])
+    holder = value_at(tree, path[:-1])
     if isinstance(holder, Mapping):
-        rest: Any = LocatedDict(holder, getattr(holder, "marks", None), getattr(holder, "location", None))
+        rest = rewritten(holder)
         del rest[path[-1]]
         rest.marks.pop(path[-1], None)
     else:
@@ -171,10 +171,7 @@ def _removed(tree: Any, path: Found) -> Any:
         marks = getattr(holder, "marks", {})
         marks = {new: marks[old] for new, old in enumerate(kept) if old in marks}
         rest = LocatedList([holder[index] for index in kept], marks, getattr(holder, "location", None))
-    if len(path) == 1:
-        return rest
-    location = locate(tree, path[:-1])
-    return with_value(tree, path[:-1], rest, location)
+    return with_value(tree, path[:-1], rest, locate(tree, path[:-1]))
 
 
 def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
@@ -185,16 +182,17 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         holders = _walk(tree, parts[:depth])
     else:
         depth, ends = len(parts) - 1, _existing(tree, parts[:-1]) if parts[1:] else []
-        holders = [path for path in ends if isinstance(_at(tree, path), Mapping)]
+        holders = [path for path in ends if isinstance(value_at(tree, path), Mapping)]
         known = {key for path in holders for key in known_keys(tree, path, ExperimentConfig)}
     if holders:
-        known = known.union(*(_names(_at(tree, path)) for path in holders))
+        known = known.union(*(_names(value_at(tree, path)) for path in holders))
         message = f"there is no `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
-        hint = _written_alone(tree, parts) if depth == len(parts) - 1 else ""
-        hint = hint or (key_hint(parts[depth], known) if known else "")
+        hint = key_hint(parts[depth], known) if known else ""
+        if depth == len(parts) - 1 and len(_missing(tree, parts[-1:])[1]) == 1:
+            hint = f"write `{parts[-1]}=...`"  # the last component alone has one match
         return Problem(message if known else f"{message}, which contains no keys", "", location, hint)
     for path in _containers(tree):
-        known |= _names(_at(tree, path))
+        known |= _names(value_at(tree, path))
     first = next((part for part in parts if part not in known), None)
     known |= learning_keys(tree)
     if first is None:
@@ -203,16 +201,11 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     return Problem(f"there is no `{first}` in the configuration", "", location, key_hint(first, known))
 
 
-def _written_alone(tree: Any, parts: list[str]) -> str:
-    """Return the hint to write only the last component if it has one match, otherwise an empty string."""
-    return f"write `{parts[-1]}=...`" if len(_missing(tree, parts[-1:])[1]) == 1 else ""
-
-
 def _walk(node: Any, parts: list[str]) -> list[Found]:
     """Return all existing paths below a node that the components match."""
     if not parts:
         return [()]
-    return [step + rest for step in _steps(node, parts[0]) for rest in _walk(_at(node, step), parts[1:])]
+    return [step + rest for step in _steps(node, parts[0]) for rest in _walk(value_at(node, step), parts[1:])]
 
 
 def _steps(node: Any, part: str) -> Iterator[Found]:
@@ -253,31 +246,10 @@ def _containers(tree: Any, path: Found = ()) -> Iterator[Found]:
             yield from _containers(value, (*path, key))
 
 
-def _at(tree: Any, path: Found) -> Any:
-    for key in path:
-        tree = tree[key]
-    return tree
-
-
 def _number(tree: Any, path: Found) -> float | None:
     """Return the number at a path, without its unit, or None if there is none."""
-    holder = _at(tree, path[:-1])
-    value = holder[path[-1]] if has(holder, path[-1]) else None
+    value = value_at(tree, path)
     try:
         return None if isinstance(value, bool) else float(str(value).partition(" ")[0])
     except ValueError:
         return None
-
-
-def with_value(tree: Any, path: Found, value: Any, location: Location | None) -> Any:
-    """Return the tree with another value at a path; only the containers on the path are copied."""
-    if not path:
-        return value
-    key, rest = path[0], path[1:]
-    kind = LocatedDict if isinstance(tree, Mapping) else LocatedList
-    copied = kind(tree, getattr(tree, "marks", None), getattr(tree, "location", None))
-    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
-    if not rest and location is not None:
-        copied.marks.pop(key, None)  # so that the newest key comes last
-        copied.marks[key] = location
-    return copied

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from safe_inspect.dones.base import DoneFunction
@@ -45,14 +45,8 @@ class AgentSpec:
 
     def same_terms(self, other: AgentSpec) -> bool:
         """Return whether another agent differs only in its names, so that both can be computed together."""
-        return (
-            list(self.parts) == list(other.parts)
-            and self.parts == other.parts
-            and self.glues == other.glues
-            and self.rewards == other.rewards
-            and self.dones == other.dones
-            and self.scripted_policy == other.scripted_policy
-        )
+        renamed = replace(other, name=self.name, platform=self.platform, policy=self.policy)
+        return list(self.parts) == list(other.parts) and self == renamed
 
     @property
     def sensors(self) -> dict[str, Any]:

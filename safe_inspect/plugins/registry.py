@@ -108,7 +108,9 @@ class Registry:
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
         hint = self._suggest(kind, attribute)
         if hint.startswith("known"):  # none is similar: a class of the user
-            hint = where_modules_are(module)
+            where = "in the working directory, in the folders of PYTHONPATH and among installed packages"
+            fix = f"correct the name, or add the folder that contains {module.partition('.')[0]!r} to PYTHONPATH"
+            hint = f"modules are searched {where}; {fix}"
         loaded = import_user_module(module, f" for {kind} {name!r}; {hint}")
         cls: Any = getattr(loaded, attribute, None)
         if cls is None:
@@ -152,15 +154,6 @@ class Registry:
                 package = entry.dist.name if entry.dist is not None else entry.value
                 what = f"the plugins of {package} are not available: its module {entry.module} cannot be imported"
                 warnings.warn(f"{what}: {cause_of(error)}; fix or uninstall it", RuntimeWarning, stacklevel=2)
-
-
-def where_modules_are(name: str) -> str:
-    """Return where a module is searched and what to do if it does not exist."""
-    top = name.partition(".")[0]
-    searched = (
-        "modules are searched in the working directory, in the folders of PYTHONPATH and among installed packages"
-    )
-    return f"{searched}; correct the name, or add the folder that contains {top!r} to PYTHONPATH"
 
 
 def import_user_module(name: str, wanted: str = "") -> ModuleType:

@@ -12,12 +12,12 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from safe_inspect.config.loading.includes import places
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate, with_value
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.config.messages.report import validated
 from safe_inspect.config.models.experiment import ExperimentConfig, Model
 from safe_inspect.config.models.fields import written_values
-from safe_inspect.config.overrides import apply_overrides, with_value
+from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.plugins.functor import functor_field, misplaced
 from safe_inspect.rendezvous.control.bound import ConformalBound

@@ -213,7 +213,7 @@ def test_a_mission_that_left_the_keep_in_box_is_no_success(flown: MissionResult)
     assert not summary["success"]
     assert summary["cause"] == "outside of the keep-in box by 0.1 m"
     assert summary["contact_speed"] is None
-    assert "excursion from the keep-in box        0.1 m" in mission_table(summary)
+    assert "excursion from the keep-in box            0.1 m" in mission_table(summary)
     assert not summary["given_up"]
 
 

@@ -153,7 +153,7 @@ def test_the_speed_at_contact_is_relative_to_the_surface() -> None:
 def test_the_table_of_a_mission_shows_its_figures() -> None:
     table = mission_table(_summary() | {"time": 1.23456, "contact_speed": None, "plans": 2}).splitlines()
     assert table[0] == "success"
-    assert "  time                                  1.23 s" in table
+    assert "  time                                      1.23 s" in table
     assert "  speed at contact                      -" in table
     assert "  plans                                 2" in table
     assert table[-1].startswith("  delta-v ")

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.building.glues import check_glues
 from safe_inspect.config.building.world import WorldValues, in_world, plugins_of
-from safe_inspect.config.messages.messages import message
+from safe_inspect.config.messages.messages import text_of
 from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentBody, AgentEntry
 from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.time_limit import EpisodeLengthDone
-from safe_inspect.errors import did_you_mean, not_named
-from safe_inspect.glues.base import ObservationGlue
+from safe_inspect.errors import UnitError, did_you_mean, not_named
+from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
+from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy
@@ -56,7 +55,7 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
         world: The world of the agent.
         setting: The properties that all agents have in common.
     """
-    report, body, base = setting.report, entry.config.config, (*where, "config", "config")
+    report, body, base = setting.report, entry.body, (*where, "config", "config")
     _check_platforms(entry, where, setting)
     if not entry.platforms:
         return None
@@ -70,14 +69,14 @@ def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting:
         known = {kind: names for kind, names in known.items() if kind not in ("sensor", "controller")}
     sound = _check_references(entry, base, known, report) and len(parts) == len(body.parts)
     glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
-    _check_names("rewards", body.rewards, base, report)
-    _check_names("dones", dones, base, report)
+    for key, functors in (("rewards", body.rewards), ("dones", dones)):
+        check_unique(key, (named.name for named in functors), (*base, key), report)
     for index, named in enumerate(dones):
         if not isinstance(getattr(named.functor, "status", None), DoneStatus):
             text = f"{named.name} has no `status`; define one in its class, such as DoneStatus.LOSE"
             report((*base, "dones", index), text)
     if sound:
-        check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
+        _check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
     return AgentSpec(
         entry.name,
         entry.platforms[0],
@@ -121,10 +120,8 @@ def _parts(body: AgentBody, dones: _Dones, base: KeyTuple, setting: AgentSetting
     """Return the parts by name, with the values that sensors need from the task."""
     horizon = min(done.functor.horizon for done in dones if isinstance(done.functor, EpisodeLengthDone))
     parts: dict[str, Part] = {}
+    check_unique("parts", (part.part_name for part in body.parts), (*base, "parts"), setting.report)
     for index, part in enumerate(body.parts):
-        if part.part_name in parts:
-            text = f"two parts are named {part.part_name!r}; give one of them a unique `name`"
-            setting.report((*base, "parts", index), text)
         try:
             parts[part.part_name] = part.in_task(setting.simulator, horizon) if isinstance(part, Sensor) else part
         except ValueError as error:
@@ -160,12 +157,13 @@ def _check_references(
     return sound
 
 
-def _check_names(key: str, functors: Iterable[Named[Any]], base: KeyTuple, report: ReportProblem) -> None:
+def check_unique(what: str, names: Iterable[str], where: KeyTuple, report: ReportProblem) -> None:
+    """Report names that occur more than once in the list at a path."""
     seen: set[str] = set()
-    for index, named in enumerate(functors):
-        if named.name in seen:
-            report((*base, key, index), f"two {key} are named {named.name!r}; give one of them a unique `name`")
-        seen.add(named.name)
+    for index, name in enumerate(names):
+        if name in seen:
+            report((*where, index), f"two {what} are named {name!r}; give one of them a unique `name`")
+        seen.add(name)
 
 
 def _rewards(
@@ -195,7 +193,7 @@ def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) 
         scripted = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
     except PydanticCustomError as error:
         for problem in (error.context or {})["errors"]:
-            setting.report((*where, "policy", *problem["loc"]), "; ".join(filter(None, message(problem))))
+            setting.report((*where, "policy", *problem["loc"]), text_of(problem))
         return None
     assert isinstance(scripted, ScriptedPolicy), "the registry returns a plugin of the requested kind"
     for field, kind in scripted.references().items():
@@ -203,3 +201,44 @@ def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) 
         if value is not None and names is not None and value not in names:
             setting.report((*where, "policy", "config", field), not_named(kind, value, names))
     return scripted
+
+
+def _check_glues(
+    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: KeyTuple, report: ReportProblem, *, observes: bool
+) -> None:
+    """Check that glues match the parts, command each controller once, and include observations and commands.
+
+    Args:
+        glues: The glues of an agent.
+        parts: Its parts, by name.
+        where: Path of the glues.
+        report: Function that is called with the path and the message of every mistake.
+        observes: Whether the agent's policy needs an observation.
+    """
+    commanded: set[str] = set()
+    discrete: set[bool] = set()
+    for index, glue in enumerate(glues):
+        try:
+            glue.bounds(parts)
+        except (ValueError, UnitError) as error:
+            report((*where, index), str(error))
+            continue
+        if isinstance(glue, ActionGlue):
+            for name in glue.names(parts):
+                if name in commanded:
+                    report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
+                commanded.add(name)
+            discrete |= {
+                bool(count)
+                for leaf in glue.leaves()
+                if not isinstance(leaf, CoastGlue)
+                for count in leaf.choices(parts)
+            }
+    leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
+    if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
+        report(where, "CoastGlue is before the glue of a controller; move it to the end of the list")
+    if len(discrete) > 1:
+        report(where, "discrete and continuous action glues are mixed; use one kind for all of them")
+    for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
+        if not any(isinstance(glue, base) and glue.exported for glue in glues) and (observes or base is ActionGlue):
+            report(where, f"there is no glue that {what}; add one")

@@ -11,15 +11,13 @@ from safe_inspect.config.building.guarantees import check_guarantees, check_thru
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, safe_initial_states
 from safe_inspect.config.building.world import check_world, common_world, in_world, reset_in_world, worlds_of
-from safe_inspect.config.messages.messages import message
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.messages.messages import text_of
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.errors import did_you_mean
 from safe_inspect.platforms.base import Platform
 from safe_inspect.simulators.simulator import Simulator
-
-_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
 def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, seed: int) -> EnvironmentSpec | None:
@@ -44,7 +42,7 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     platforms = _platforms(config, note)
     config = _with_attitude(config, note)
     reset = reset_plan(config, note)
-    environment = config.config.config.env_config
+    environment = config.environment
     names = world_names(platforms, reset, environment.simulator)
     _check_bodies(environment.simulator, names, note)
     _check_controlled(config, platforms, note)
@@ -62,13 +60,13 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     common = common_world(worlds)
     reset = reset_in_world(reset, common, note)
     if environment.rta is not None:
-        where: KeyTuple = (*_ENVIRONMENT, "rta")
+        where: KeyTuple = (*ENVIRONMENT_PATH, "rta")
         environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, note)})
     if not mistakes:  # this check computes plans, which is expensive
         check_thrusters(agents, environment.rta, note)
     if mistakes:
         return None
-    frame_rate = config.agent_config[0].config.config.frame_rate
+    frame_rate = config.agent_config[0].body.frame_rate
     return EnvironmentSpec(
         environment.simulator,
         {agent.platform: platforms[agent.platform] for agent in agents},
@@ -85,11 +83,11 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
 def _with_attitude(config: ExperimentConfig, report: ReportProblem) -> ExperimentConfig:
     """Return the experiment with a simulator with attitude dynamics, if its platforms have an attitude."""
     turning = [index for index, entry in enumerate(config.platform_config) if entry.config.functor.turns]
-    simulator: Simulator = config.config.config.env_config.simulator
+    simulator: Simulator = config.environment.simulator
     if not turning:
         field = simulator.attitude_field
         if field and not simulator.turns:
-            where = (*_ENVIRONMENT, "simulator", "config", field)
+            where = (*ENVIRONMENT_PATH, "simulator", "config", field)
             report(where, f"`{field}` needs platforms with attitude; use `platform: six-dof`, or remove it")
         return config
     for index, entry in enumerate(config.platform_config):
@@ -99,7 +97,7 @@ def _with_attitude(config: ExperimentConfig, report: ReportProblem) -> Experimen
     try:
         made = simulator.with_attitude()
     except ValueError as error:
-        report((*_ENVIRONMENT, "simulator"), str(error))
+        report((*ENVIRONMENT_PATH, "simulator"), str(error))
         return config
     task = config.config.config
     environment = task.env_config.model_copy(update={"simulator": made})
@@ -118,7 +116,7 @@ def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Pla
         except ValidationError as error:
             platforms[entry.name] = entry.config.functor.model_construct()  # so that the name is known
             for problem in error.errors(include_url=False):
-                text = "; ".join(filter(None, message(problem)))
+                text = text_of(problem)
                 if problem["type"] == "extra_forbidden":
                     key = str(problem["loc"][-1])
                     text = f"unknown key `{key}`; {did_you_mean(key, entry.config.functor.model_fields)}"
@@ -131,7 +129,7 @@ def _check_bodies(simulator: Simulator, names: dict[str, set[str]], report: Repo
     for component in simulator.compose()[1]:
         for name in component.bodies:
             if name not in names["entity"]:
-                where: KeyTuple = (*_ENVIRONMENT, "simulator")
+                where: KeyTuple = (*ENVIRONMENT_PATH, "simulator")
                 for field in type(simulator).model_fields:
                     if isinstance(value := getattr(simulator, field), Mapping) and name in value:
                         where = (*where, "config", field, name)

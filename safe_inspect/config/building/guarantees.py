@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
@@ -31,7 +31,6 @@ from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 
-_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 _AXES = "xyz"
 
 
@@ -48,7 +47,7 @@ def check_guarantees(
         reset: The distribution of initial states.
         report: Function that is called with the path and the message of every mistake.
     """
-    environment = config.config.config.env_config
+    environment = config.environment
     for index, entry in enumerate(config.agent_config):
         base = ("agent_config", index, "config", "config")
         own = [(path, plugin) for path, plugin in plugins_of(entry, base) if _filters(plugin)]
@@ -65,7 +64,7 @@ def check_guarantees(
             _check_ends(plugin, entry, base, config, reset, report)
     team = environment.rta
     if team is not None and team.enabled:
-        _check_filter(team, (*_ENVIRONMENT, "rta", "config"), config, worlds, reset, report)
+        _check_filter(team, (*ENVIRONMENT_PATH, "rta", "config"), config, worlds, reset, report)
         for index, entry in enumerate(config.agent_config):
             base = ("agent_config", index, "config", "config")
             _check_thrusters(entry, (*base, "parts"), report)
@@ -87,7 +86,7 @@ def check_thrusters(agents: Sequence[AgentSpec], team: TeamSafety | None, report
         if _filters(glue)
     ]
     if team is not None and team.enabled:
-        filters.append(((*_ENVIRONMENT, "rta"), "the team", team))
+        filters.append(((*ENVIRONMENT_PATH, "rta"), "the team", team))
     asked: list[Any] = []
     for where, name, plugin in filters:
         if not hasattr(plugin, "recoverable_share") or plugin in asked:
@@ -124,7 +123,7 @@ def _check_filter(
     reset: ResetPlan,
     report: ReportProblem,
 ) -> None:
-    environment, kept = config.config.config.env_config, _kept(plugin)
+    environment, kept = config.environment, _kept(plugin)
     components = environment.simulator.compose()[1]
     orbit = environment.simulator.compose()[0].offers().get("mean_motion")
     _check_motion(plugin, where, environment.simulator, worlds, report)
@@ -147,7 +146,7 @@ def _check_filter(
         done = named.functor
         if isinstance(done, CollisionDoneFunction) and done.safety_constraint > apart:
             text = f"deputies collide at {done.safety_constraint:g} m, but the filter only keeps them {apart:g} m apart"
-            place = (*_ENVIRONMENT, "dones", "shared", index, "config", "safety_constraint")
+            place = (*ENVIRONMENT_PATH, "dones", "shared", index, "config", "safety_constraint")
             report(place, f"{text}; lower this, or raise the filter's `deputy_radius`")
 
 
@@ -215,7 +214,7 @@ def _check_sun_angle(reset: ResetPlan, report: ReportProblem) -> None:
             continue
         if starts != [SimAttributeAccessor(attribute_name=f"{name}.sun_angle")]:
             text = f"`{name}` tests initial states with a sun angle that it samples, but the sun starts at another one"
-            place = (*_ENVIRONMENT, "simulator_reset_parameters", "additional_entities", "sun", "config", "theta")
+            place = (*ENVIRONMENT_PATH, "simulator_reset_parameters", "additional_entities", "sun", "config", "theta")
             report(place, f"{text}; use a SimAttributeAccessor of `{name}.sun_angle`")
 
 
@@ -240,7 +239,7 @@ def _rests_at_origin(body: BodyReset) -> bool:
 def _check_thrusters(entry: AgentEntry, where: KeyTuple, report: ReportProblem) -> None:
     """Check that the controllers can apply thrust along each axis, as the filters assume."""
     least, largest = np.zeros(3), np.zeros(3)
-    for part in entry.config.config.parts:
+    for part in entry.body.parts:
         if isinstance(part, Controller) and part.control_size == 3:
             low, high = part.limits
             shares = [part(limit[None])[0] for limit in (low, high)]
@@ -256,10 +255,10 @@ def _check_ends(
     plugin: Any, entry: AgentEntry, base: KeyTuple, config: ExperimentConfig, reset: ResetPlan, report: ReportProblem
 ) -> None:
     """Check that a done function does not end an episode as lost in states that the filter allows."""
-    kept, parts = _kept(plugin), entry.config.config.parts
-    orbit = config.config.config.env_config.simulator.compose()[0].offers().get("mean_motion", 0.0)
+    kept, parts = _kept(plugin), entry.body.parts
+    orbit = config.environment.simulator.compose()[0].offers().get("mean_motion", 0.0)
     far = kept["r_max"].r_max if "r_max" in kept else 0.0
-    for index, named in enumerate(entry.config.config.dones):
+    for index, named in enumerate(entry.body.dones):
         done, where = named.functor, (*base, "dones", index, "config")
         if isinstance(done, CrashDoneFunction) and _check_crash(plugin, done, orbit, where, report):
             _check_references(done, parts, reset, where, report)

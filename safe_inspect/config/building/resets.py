@@ -26,9 +26,9 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
         config: The validated models.
         report: Function that is called with the path and the message of every mistake.
     """
-    drawn = config.config.config.env_config.simulator_reset_parameters
+    drawn = config.environment.simulator_reset_parameters
     parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
-    components = config.config.config.env_config.simulator.compose()[1]
+    components = config.environment.simulator.compose()[1]
     read = [component.parameters for component in components]
     _check_parameters(parameters, read, report)
     entities: dict[str, BodyReset] = {}
@@ -50,7 +50,7 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
             _check_body(entities[name], parameters, where, report)
     deputies: dict[str, BodyReset] = {}
     for index, agent in enumerate(config.agent_config):
-        begin = agent.config.config.simulator_reset_parameters
+        begin = agent.body.simulator_reset_parameters
         body = BodyReset(begin.initializer, begin.config)
         _check_body(body, parameters, ("agent_config", index, "config", "config", _RESET[-1]), report)
         deputies |= dict.fromkeys(agent.platforms[:1], body)

@@ -1,4 +1,4 @@
-"""Checks and initial states that involve several agents."""
+"""Checks, initial states and policies that involve several agents."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.config.building.agents import check_unique
 from safe_inspect.config.loading.located import path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
-from safe_inspect.config.models.experiment import EnvironmentConfig, ExperimentConfig
-from safe_inspect.config.spec import AgentSpec
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
+from safe_inspect.config.models.experiment import AgentEntry, EnvironmentConfig, ExperimentConfig, PolicyConfig
+from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import UnsafeInitialStateWarning, did_you_mean
 from safe_inspect.rta.base import SafetyGlue
@@ -22,8 +23,6 @@ from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan, TeamTest
 from safe_inspect.types import BoolArray, FloatArray
-
-_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 
 
 def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: ReportProblem) -> None:
@@ -47,20 +46,18 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
                 message = f"{controls[platform]} and {entry.name} both control the platform {platform!r}"
                 report((*where, "platforms", number), f"{message}; give each agent its own platform")
             controls[platform] = entry.name
-        if entry.config.config.frame_rate != lead.config.config.frame_rate:
-            message = f"{entry.name} acts at {entry.config.config.frame_rate:g} Hz, {lead.name} at "
+        if entry.body.frame_rate != lead.body.frame_rate:
+            message = f"{entry.name} acts at {entry.body.frame_rate:g} Hz, {lead.name} at "
             place = (*where, "config", "config", "frame_rate")
-            report(place, f"{message}{lead.config.config.frame_rate:g} Hz; all agents must act at the same rate")
+            report(place, f"{message}{lead.body.frame_rate:g} Hz; all agents must act at the same rate")
     if len(config.agent_config) > MAX_COUNT:
         text = f"{len(config.agent_config)} agents are too many; an environment has at most {MAX_COUNT}"
         report(("agent_config",), text)
     done_names = {named.name for agent in agents for named in agent.dones}
-    seen: set[str] = set()
-    for index, named in enumerate(config.config.config.env_config.dones.shared):
-        where = (*_ENVIRONMENT, "dones", "shared", index)
-        if named.name in seen:
-            report(where, f"two shared dones are named {named.name!r}; give one of them a unique `name`")
-        seen.add(named.name)
+    shared = config.environment.dones.shared
+    check_unique("shared dones", (named.name for named in shared), (*ENVIRONMENT_PATH, "dones", "shared"), report)
+    for index, named in enumerate(shared):
+        where = (*ENVIRONMENT_PATH, "dones", "shared", index)
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
@@ -69,10 +66,10 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: 
                     f"{named.name} never ends an episode; {did_you_mean(value, done_names)}",
                     stacklevel=2,
                 )
-    safety = config.config.config.env_config.rta
-    if safety is not None and safety.enabled and config.config.config.env_config.ended_deputies == "hold_thrust":
+    safety = config.environment.rta
+    if safety is not None and safety.enabled and config.environment.ended_deputies == "hold_thrust":
         message = "the environment's `rta` assumes that ended deputies coast; use `coast`, or disable the filter"
-        report((*_ENVIRONMENT, "ended_deputies"), message)
+        report((*ENVIRONMENT_PATH, "ended_deputies"), message)
     for index, agent in enumerate(agents):
         own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         if safety is not None and safety.enabled and own:
@@ -170,3 +167,56 @@ def _team_refusals(
         for name in ("position", "velocity")
     }
     return safety.refusals({**states, **team})
+
+
+def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, PolicySpec]:
+    """Return the policies of the agents that the caller controls, by name, in agent order.
+
+    Args:
+        config: The validated models.
+        report: Function that is called with the path and the message of every mistake.
+    """
+    flown: dict[str, list[tuple[int, AgentEntry, PolicyConfig]]] = {}
+    for index, entry in enumerate(config.agent_config):
+        if entry.policy is None and len(config.agent_config) > 1:
+            examples = "{algorithm: PPO} or {functor: ZeroThrust}"
+            text = f"the agent {entry.name!r} has no policy; add the key `policy`, such as {examples}"
+            report(("agent_config", index), text)
+        policy = entry.policy or PolicyConfig()
+        if policy.functor is None:
+            flown.setdefault(entry.flown_by, []).append((index, entry, policy))
+        elif entry.policy_name is not None:
+            where = ("agent_config", index, "policy_name")
+            report(where, "a scripted policy cannot be shared; remove the name")
+    if not flown:
+        report(("agent_config",), "no agent has a policy that is trained; give one of them an `algorithm`")
+    elif not any(policy.checkpoint is None for group in flown.values() for _, _, policy in group):
+        report(("agent_config",), "all policies come from checkpoints, so none is trained; give one an `algorithm`")
+    found = {}
+    for name, group in flown.items():
+        _check_shared(name, group, report)
+        policy = group[0][2]
+        found[name] = PolicySpec(
+            name,
+            tuple(entry.name for _, entry, _ in group),
+            policy.algorithm,
+            dict(policy.config),
+            policy.checkpoint,
+            policy.policy,
+        )
+    algorithms = list(dict.fromkeys(policy.algorithm for policy in found.values() if policy.trains))
+    for group in flown.values():
+        for index, _, policy in group:
+            if policy.algorithm and policy.algorithm != algorithms[0]:
+                place: KeyTuple = ("agent_config", index, "policy", "algorithm")
+                report(place, f"RLlib trains all policies with one algorithm, not with {' and '.join(algorithms)}")
+    return found
+
+
+def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: ReportProblem) -> None:
+    """Check that agents that share a policy have the same configuration of it."""
+    _, first, policy = group[0]
+    for index, entry, other in group[1:]:
+        if other != policy:
+            where = ("agent_config", index, "policy")
+            report(where, f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently")

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.messages.messages import message
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.messages.messages import text_of
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
@@ -26,16 +26,15 @@ WorldValues = Mapping[str, float]
 
 _P = TypeVar("_P", bound=Plugin)
 
-_ENVIRONMENT: KeyTuple = ("config", "config", "env_config")
 _SOURCES = {"n": "the simulator's `mean_motion`", "step_size": "1 / `frame_rate`", "m": "the platform's `mass`"}
 
 
 def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> list[WorldValues]:
     """Return the world of each agent: step, mean motion, mass, and the thrust that its controllers can apply."""
-    offered = config.config.config.env_config.simulator.compose()[0].offers()
+    offered = config.environment.simulator.compose()[0].offers()
     worlds: list[WorldValues] = []
     for entry in config.agent_config:
-        world = {"step_size": 1.0 / entry.config.config.frame_rate}
+        world = {"step_size": 1.0 / entry.body.frame_rate}
         if "mean_motion" in offered:
             world["n"] = offered["mean_motion"]
         if entry.platforms and entry.platforms[0] in platforms:
@@ -50,7 +49,7 @@ def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> li
 
 def _thrust_limits(entry: AgentEntry) -> list[tuple[FloatArray, FloatArray]]:
     """Return smallest and largest thrusts of an agent's controllers [N], without those that command moments."""
-    parts = entry.config.config.parts
+    parts = entry.body.parts
     return [part.limits for part in parts if isinstance(part, Controller) and part.control_size == 3]
 
 
@@ -75,8 +74,7 @@ def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProb
         return plugin.in_world(world)
     except ValidationError as error:
         for problem in error.errors(include_url=False):
-            text = "; ".join(filter(None, message(problem)))
-            report((*where, "config", *problem["loc"]), f"with the values of the simulation: {text}")
+            report((*where, "config", *problem["loc"]), f"with the values of the simulation: {text_of(problem)}")
         return plugin
 
 
@@ -94,11 +92,11 @@ def check_world(
     config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: ReportProblem
 ) -> None:  # fmt: skip
     """Check that the step, mass, orbit and thrust that plugins assume are those of the simulation."""
-    environment = config.config.config.env_config
+    environment = config.environment
     common = common_world(worlds)
     shared: list[tuple[KeyTuple, Plugin]] = []
     if environment.rta is not None and environment.rta.enabled:
-        shared.append(((*_ENVIRONMENT, "rta"), environment.rta))
+        shared.append(((*ENVIRONMENT_PATH, "rta"), environment.rta))
     for name, parameter in reset.parameters.items():
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
             shared.append((_sampler(name), parameter.rta.glue))
@@ -139,7 +137,7 @@ def check_world(
 
 def plugins_of(entry: AgentEntry, base: KeyTuple) -> Iterator[tuple[KeyTuple, Plugin]]:
     """Yield every plugin of an agent that may refer to others by name, with its path."""
-    body = entry.config.config
+    body = entry.body
     for key in ("parts", "glues"):
         for index, plugin in enumerate(getattr(body, key)):
             yield from _nested((*base, key, index), plugin)
@@ -169,7 +167,7 @@ def distinct(one: float, other: float) -> tuple[str, str]:
 
 
 def _sampler(name: str) -> KeyTuple:
-    return (*_ENVIRONMENT, "simulator_reset_parameters", name, "config", "rta")
+    return (*ENVIRONMENT_PATH, "simulator_reset_parameters", name, "config", "rta")
 
 
 def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:

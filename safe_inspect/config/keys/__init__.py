@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-T = TypeVar("T")
+Shared = TypeVar("Shared")
 
 
-def by_name(groups: Mapping[T, str]) -> dict[str, T]:
+def by_name(groups: Mapping[Shared, str]) -> dict[str, Shared]:
     """Return a table of values by name from the names, separated by spaces, that share each value."""
     return {name: value for value, names in groups.items() for name in names.split()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 from safe_inspect.config.data import configs_root
@@ -24,18 +23,11 @@ def places(name: str, including: Path | None, outermost: Path | None) -> list[Pa
     if name.startswith(("./", "../")):
         return [(including.parent if including else Path.cwd()) / path]
     found = [Path.cwd() / path]
-    found += [root / path for file in (outermost, including) if file is not None for root in _repository(file)]
+    for file in filter(None, (outermost, including)):  # the nearest folder above the file that contains `configs`
+        found += [folder / path for folder in file.parents if (folder / "configs").is_dir()][:1]
     inside = path.relative_to("configs") if path.parts[:1] == ("configs",) else path
     found.append(configs_root() / inside)
     return list(dict.fromkeys(Path(os.path.normpath(place)) for place in found))
-
-
-def _repository(file: Path) -> Iterator[Path]:
-    """Yield the nearest folder above the file that contains `configs`."""
-    for folder in file.parents:
-        if (folder / "configs").is_dir():
-            yield folder
-            return
 
 
 def hint(name: str, tried: list[Path], including: Path | None) -> str:

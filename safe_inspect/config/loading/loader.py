@@ -11,13 +11,12 @@ that file. ``key: !remove`` in a mapping that is merged removes the key of an ea
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.loading.construct import Constructor
 from safe_inspect.config.loading.includes import display_path, hint, places
-from safe_inspect.config.loading.located import KeyPath, locate, path_text
+from safe_inspect.config.loading.located import KeyPath, locate, path_text, value_at
 from safe_inspect.config.loading.syntax import compose, decode
 from safe_inspect.errors import ConfigError, Location, Problem, RegistryError
 from safe_inspect.plugins.registry import import_user_module
@@ -84,9 +83,7 @@ def import_plugins(tree: Any, where: KeyPath) -> None:
     Raises:
         ConfigError: Modules are missing or cannot be imported; all are listed.
     """
-    paths: Any = tree
-    for key in where:
-        paths = paths.get(key) if isinstance(paths, Mapping) else None
+    paths = value_at(tree, where)
     problems = []
     for index, name in enumerate(paths if isinstance(paths, list) else ()):
         if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):

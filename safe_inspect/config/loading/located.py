@@ -8,7 +8,6 @@ in place would get wrong locations.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -40,10 +39,6 @@ class _Located:
 
     __copy__ = copy
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        items = dict(self) if isinstance(self, dict) else list(self)  # type: ignore[call-overload]
-        return type(self), (items, self.marks, self.location)
-
 
 class LocatedDict(_Located, dict[Any, Any]):
     """A dict with its own location and that of each key.
@@ -53,11 +48,6 @@ class LocatedDict(_Located, dict[Any, Any]):
         marks: Location of each key.
     """
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> LocatedDict:
-        twin = memo[id(self)] = LocatedDict((), self.marks, self.location)
-        twin.update((key, deepcopy(value, memo)) for key, value in self.items())
-        return twin
-
 
 class LocatedList(_Located, list[Any]):
     """A list with its own location and that of each item.
@@ -66,11 +56,6 @@ class LocatedList(_Located, list[Any]):
         location: Where the list begins.
         marks: Location of each item, by index.
     """
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> LocatedList:
-        twin = memo[id(self)] = LocatedList((), self.marks, self.location)
-        twin.extend(deepcopy(value, memo) for value in self)
-        return twin
 
 
 class Removal:
@@ -105,6 +90,38 @@ def has(tree: Any, key: Any) -> bool:
     if isinstance(tree, Mapping):
         return key in tree
     return isinstance(tree, list) and isinstance(key, int) and 0 <= key < len(tree)
+
+
+def value_at(tree: Any, path: KeyPath) -> Any:
+    """Return the value at a path of a tree; None if the path does not exist."""
+    for key in path:
+        tree = tree[key] if has(tree, key) else None
+    return tree
+
+
+def rewritten(source: Any, items: Any = None) -> Any:
+    """Return a copy of a mapping or a list with its locations.
+
+    Args:
+        source: The mapping or list, with or without locations.
+        items: The contents of the copy. Default: those of `source`.
+    """
+    kind = LocatedDict if isinstance(source, Mapping) else LocatedList
+    found = source if items is None else items
+    return kind(found, getattr(source, "marks", None), getattr(source, "location", None))
+
+
+def with_value(tree: Any, path: KeyPath, value: Any, location: Location | None) -> Any:
+    """Return the tree with another value at a path; only the containers on the path are copied."""
+    if not path:
+        return value
+    key, rest = path[0], path[1:]
+    copied = rewritten(tree)
+    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
+    if not rest and location is not None:
+        copied.marks.pop(key, None)  # so that the newest key comes last
+        copied.marks[key] = location
+    return copied
 
 
 def plain(tree: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text
+from safe_inspect.config.loading.located import LocatedDict, locate, path_text, rewritten
 from safe_inspect.errors import ConfigError, Location, Problem, UnitError, did_you_mean
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.units import unit
@@ -43,7 +43,7 @@ def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
 def _expand(node: Any, store: Any, path: tuple[Any, ...], problems: list[Problem], root: Any) -> Any:
     if isinstance(node, list):
         items = [_expand(item, store, (*path, index), problems, root) for index, item in enumerate(node)]
-        return LocatedList(items, getattr(node, "marks", None), getattr(node, "location", None))
+        return rewritten(node, items)
     if not isinstance(node, Mapping):
         return node
     store = node.get(STORE, store)
@@ -51,7 +51,7 @@ def _expand(node: Any, store: Any, path: tuple[Any, ...], problems: list[Problem
         key: value if key in (STORE, REFERENCES) else _expand(value, store, (*path, key), problems, root)
         for key, value in node.items()
     }
-    expanded = LocatedDict(items_of, getattr(node, "marks", None), getattr(node, "location", None))
+    expanded: LocatedDict = rewritten(node, items_of)
     if REFERENCES in node:
         _resolve(expanded, store, path, problems, root)
     return expanded
@@ -78,10 +78,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
     if given is not None and not isinstance(given, Mapping):
         wrong(("config",), f"expected a mapping of fields, got {given!r}")
         return
-    if given is None:
-        config = LocatedDict(location=mark)
-    else:
-        config = LocatedDict(given, getattr(given, "marks", None), getattr(given, "location", None))
+    config = LocatedDict(location=mark) if given is None else rewritten(given)
     for field, key in references.items():
         where = (REFERENCES, field)
         if field in config:
@@ -110,10 +107,9 @@ def _value(stored: Any, place: Location | None) -> Any:
         if isinstance(config, Mapping) and "value" in config:
             value, units = config["value"], config.get("units")
             stored = value if _is_pure(value, units) else LocatedDict({"value": value, "units": units})
-    if isinstance(stored, Mapping):
-        return LocatedDict(stored, getattr(stored, "marks", None), place)
-    if isinstance(stored, list):
-        return LocatedList(stored, getattr(stored, "marks", None), place)
+    if isinstance(stored, Mapping | list):
+        stored = rewritten(stored)
+        stored.location = place
     return stored
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, path_text, rewritten
 from safe_inspect.errors import Problem, did_you_mean
 
 #: Placeholder of the number in a name.
@@ -72,7 +72,7 @@ def _agent(
         copy.pop("count", None)
         if isinstance(platforms, list):
             numbered = [str(name).replace(NUMBER, str(number)) for name in platforms]
-            copy["platforms"] = LocatedList(numbered, getattr(platforms, "marks", None), locate(platforms, ()))
+            copy["platforms"] = rewritten(platforms, numbered)
         yield copy
 
 
@@ -93,7 +93,7 @@ def _platform(
 
 
 def _numbered(entry: dict[Any, Any], number: int) -> LocatedDict:
-    copy = LocatedDict(entry, getattr(entry, "marks", None), getattr(entry, "location", None))
+    copy: LocatedDict = rewritten(entry)
     if isinstance(copy.get("name"), str):
         copy["name"] = copy["name"].replace(NUMBER, str(number))
     return copy

@@ -7,44 +7,35 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
+from safe_inspect.config.keys import by_name
 from safe_inspect.errors import did_you_mean
 
-#: Expected value by type of error; the names in braces are those of the error's context.
-_WANTED = {
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
-    "int_parsing_size": "a smaller whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "float_parsing": "a number",
-    "finite_number": "a finite number",
-    "bool_type": "`true` or `false`",
-    "bool_parsing": "`true` or `false`",
-    "string_type": "a string",
-    "none_required": "nothing (`null`)",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "set_type": "a list",
-    "iterable_type": "a list",
-    "dict_type": "a mapping",
-    "mapping_type": "a mapping",
-    "model_type": "a mapping",
-    "model_attributes_type": "a mapping",
-    "dataclass_type": "a mapping",
-    "greater_than": "a number above {gt}",
-    "greater_than_equal": "a number of {ge} or more",
-    "less_than": "a number below {lt}",
-    "less_than_equal": "a number of {le} or less",
-    "multiple_of": "a multiple of {multiple_of}",
-    "too_short": "at least {min_length} items",
-    "too_long": "at most {max_length} items",
-    "string_too_short": "a string of at least {min_length} characters",
-    "string_too_long": "a string of at most {max_length} characters",
-    "string_pattern_mismatch": "{pattern}",
-    "literal_error": "{expected}",
-    "enum": "{expected}",
-    "union_tag_invalid": "one of {expected_tags} as {discriminator}",
-}
+#: Expected values, each with the types of its errors; the names in braces are those of the error's context.
+_WANTED = by_name(
+    {
+        "a whole number": "int_type int_parsing int_from_float",
+        "a smaller whole number": "int_parsing_size",
+        "a number": "float_type float_parsing",
+        "a finite number": "finite_number",
+        "`true` or `false`": "bool_type bool_parsing",
+        "a string": "string_type",
+        "nothing (`null`)": "none_required",
+        "a list": "list_type tuple_type set_type iterable_type",
+        "a mapping": "dict_type mapping_type model_type model_attributes_type dataclass_type",
+        "a number above {gt}": "greater_than",
+        "a number of {ge} or more": "greater_than_equal",
+        "a number below {lt}": "less_than",
+        "a number of {le} or less": "less_than_equal",
+        "a multiple of {multiple_of}": "multiple_of",
+        "at least {min_length} items": "too_short",
+        "at most {max_length} items": "too_long",
+        "a string of at least {min_length} characters": "string_too_short",
+        "a string of at most {max_length} characters": "string_too_long",
+        "{pattern}": "string_pattern_mismatch",
+        "{expected}": "literal_error enum",
+        "one of {expected_tags} as {discriminator}": "union_tag_invalid",
+    }
+)
 
 #: Expected string by the pattern of its field.
 _PATTERNS = {
@@ -65,15 +56,17 @@ def is_of_other_kind(error: Mapping[str, Any]) -> bool:
 
 def wanted(error: Mapping[str, Any]) -> str:
     """Return a description of the expected value; empty if the error does not contain one."""
-    limits = {name: _short(limit) for name, limit in error.get("ctx", {}).items()}
+    context = error.get("ctx", {})
+    limits = {name: f"{limit:.15g}" if isinstance(limit, float) else limit for name, limit in context.items()}
     if "pattern" in limits:
         pattern = limits["pattern"]
         limits["pattern"] = _PATTERNS.get(pattern, f"a string that matches the regular expression `{pattern}`")
     return _WANTED.get(error["type"], "").format_map(limits)
 
 
-def _short(limit: Any) -> Any:
-    return f"{limit:.15g}" if isinstance(limit, float) else limit
+def text_of(error: Mapping[str, Any]) -> str:
+    """Return a description of the mistake, with the hint of `message`."""
+    return "; ".join(filter(None, message(error)))
 
 
 def message(error: Mapping[str, Any]) -> tuple[str, str]:
@@ -100,8 +93,7 @@ def functor_mistakes(error: PydanticCustomError) -> str:
     texts = []
     for problem in (error.context or {})["errors"]:
         where = ".".join(map(str, problem["loc"]))
-        texts.append("; ".join(filter(None, message(problem))))
-        texts[-1] = f"{where}: {texts[-1]}" if where else texts[-1]
+        texts.append(f"{where}: {text_of(problem)}" if where else text_of(problem))
     return "; ".join(texts)
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from safe_inspect.config.keys.other_words import key_hint
-from safe_inspect.config.loading.located import LocatedDict, has, locate, path_text
+from safe_inspect.config.loading.located import LocatedDict, has, locate, path_text, value_at
 from safe_inspect.config.loading.merge import names_of
 from safe_inspect.config.messages.messages import is_of_other_kind, message, shown, wanted
 from safe_inspect.config.models.fields import known_keys
@@ -21,6 +21,8 @@ from safe_inspect.plugins.functor import errors_of
 KeyTuple = tuple[Any, ...]
 #: Function that is called with the path and the message of a problem.
 ReportProblem = Callable[[KeyTuple, str], None]
+#: Path of the environment in an experiment.
+ENVIRONMENT_PATH: KeyTuple = ("config", "config", "env_config")
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -55,9 +57,7 @@ def problems_of(
         prefix: Path of the validated value in the tree.
         model: The model of the validation, for the names of its keys.
     """
-    start = tree
-    for key in prefix:
-        start = start[key] if has(start, key) else None
+    start = value_at(tree, prefix)
     faults = [_Fault((), tuple(_steps(found["loc"], start)), found) for found in errors_of(error)]
     problems = [_problem(fault, tree, tuple(prefix), start, model) for fault in _without_unions(faults)]
     return list(dict.fromkeys(problems))
@@ -155,9 +155,7 @@ def _newest_named(tree: Any, where: tuple[Any, ...], text: str) -> Location | No
 
     The keys may come from several files and from the command line; their locations are in the order of writing.
     """
-    holder = tree
-    for key in where:
-        holder = holder[key] if has(holder, key) else None
+    holder = value_at(tree, where)
     if not isinstance(holder, LocatedDict):
         return None
     named = set(re.findall(r"\w+", text))

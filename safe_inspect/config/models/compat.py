@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, field_validator
 
-from safe_inspect.errors import RegistryError, did_you_mean
+from safe_inspect.errors import did_you_mean
 from safe_inspect.platforms.base import Platform
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import registry
@@ -53,10 +53,7 @@ class ResetKeys(BaseModel):
     def _is_known(cls, value: Any) -> Any:
         name = value.get("functor") if isinstance(value, Mapping) else value
         if name is not None:
-            try:
-                registry.get("initializer", str(name))
-            except RegistryError as error:
-                raise ValueError(str(error)) from error
+            registry.get("initializer", str(name))
         return value
 
 
@@ -73,10 +70,7 @@ def platform_class(name: str) -> type[Platform]:
 
 
 def _known_platform(name: str) -> str:
-    try:
-        platform_class(name)
-    except RegistryError as error:
-        raise ValueError(str(error)) from error
+    platform_class(name)
     return name
 
 

@@ -242,6 +242,11 @@ class AgentEntry(Model):
     policy_name: str | None = Field(default=None, pattern=r"^[\w.-]+$")
 
     @property
+    def body(self) -> AgentBody:
+        """Parts, glues, rewards and dones of the agent."""
+        return self.config.config
+
+    @property
     def flown_by(self) -> str:
         """Name of the agent's policy."""
         return self.policy_name or self.name
@@ -268,3 +273,8 @@ class ExperimentConfig(Model):
     config: TaskConfig
     platform_config: tuple[PlatformEntry, ...]
     agent_config: tuple[AgentEntry, ...]
+
+    @property
+    def environment(self) -> EnvironmentConfig:
+        """The environment of the task."""
+        return self.config.config.env_config

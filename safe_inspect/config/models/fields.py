@@ -29,7 +29,8 @@ def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = N
         below = [found for known in annotations for found in _below(known, key)]
         annotations = below if plugin is None else [plugin]
         tree = tree[key] if has(tree, key) else None
-    return {name for known in annotations for variant in _models(known) for name in _keys(variant)}
+    models = [model for known in annotations for model in _variants(known) if _is_model(model)]
+    return {info.alias or name for model in models for name, info in model.model_fields.items()}
 
 
 def written_values(
@@ -66,7 +67,7 @@ def _marked(
     for variant in _members(annotation):
         if variant is not annotation:
             yield from _marked(mark, value, variant, metadata, path)
-        elif isinstance(value, Mapping) and isinstance(variant, type) and issubclass(variant, BaseModel):
+        elif isinstance(value, Mapping) and _is_model(variant):
             yield from written_values(mark, value, variant, path)
         elif isinstance(value, list):
             items = [item for item in typing.get_args(variant) if item is not Ellipsis]
@@ -94,22 +95,18 @@ def plugin_of(functor: Any) -> type[BaseModel] | None:
     return None
 
 
-def _keys(model: type[BaseModel]) -> set[str]:
-    return {info.alias or name for name, info in model.model_fields.items()}
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
 def _below(annotation: Any, key: Any) -> Iterator[Any]:
     """Yield the annotations of the values of a key or an index."""
     for variant in _variants(annotation):
-        if isinstance(variant, type) and issubclass(variant, BaseModel):
+        if _is_model(variant):
             yield from (info.annotation for name, info in variant.model_fields.items() if key in (name, info.alias))
         else:
             # This is the type of items of a list or a tuple[X, ...], or of values of a dict.
             yield from [found for found in typing.get_args(variant) if found is not Ellipsis][-1:]
-
-
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    yield from (v for v in _variants(annotation) if isinstance(v, type) and issubclass(v, BaseModel))
 
 
 def _variants(annotation: Any) -> Iterator[Any]:
