@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import DECISION, REMAINING, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from safe_inspect.environments.fused.step import FusedGroup
 
 
 class StepOutcome(NamedTuple):
@@ -111,7 +108,7 @@ class AgentGroup:
         self._unobserved = [name for name in agent.sensors if name not in observed]
         order = (DoneStatus.DRAW, DoneStatus.WIN, DoneStatus.LOSE)
         self.dones = sorted(agent.dones, key=lambda named: order.index(named.functor.status))
-        self.fused: FusedGroup | None = None
+        self.fused: Any = None  # a `FusedGroup`, which this module cannot import, because it imports this one
         self._idle = np.minimum(np.maximum(0.0, self.action_layout.low), self.action_layout.high)
 
     def require_needed(self, view: View) -> None:
