@@ -146,7 +146,8 @@ class AgentGroup:
             coasting = ~self.due(view.writable)
             action = np.where(coasting[:, :, None], self._idle, action)
         elif self.fused is not None and (found := self.fused.command(action)) is not None:
-            return found
+            commanded: tuple[FloatArray, FloatArray] = found
+            return commanded
         action = action.reshape(view.num_rows, layout.size)
         if not all_finite(action):
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
@@ -213,7 +214,8 @@ class AgentGroup:
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); a scripted group has observations without elements."""
         if self.fused is not None and (found := self.fused.observe(view)) is not None:
-            return found.reshape(view.writable.num_envs, self.size, found.shape[-1])
+            seen: AnyArray = found.reshape(view.writable.num_envs, self.size, found.shape[-1])
+            return seen
         glues = () if self.scripted else self._glues
         parts = [self.values(glue, view, size) for glue, size in zip(glues, self._sizes, strict=False)]
         observation = np.concatenate(parts, axis=-1) if parts else np.zeros((view.num_rows, 0))
