@@ -1,11 +1,21 @@
-"""Distances between two points, compiled, for one row."""
+"""Distances between two points, compiled, for one row, and lengths of many vectors."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Return the lengths of vectors of shape (..., k), shape (...), summed in the same order for any batch."""
+    total = vectors[..., 0] * vectors[..., 0]
+    for k in range(1, vectors.shape[-1]):
+        total = total + vectors[..., k] * vectors[..., k]
+    return np.asarray(np.sqrt(total))
 
 
 @njit

@@ -10,8 +10,9 @@ from pydantic import model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.derived import DerivedGlue, norms_of, wrapped_input
+from safe_inspect.glues.derived import DerivedGlue, wrapped_input
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
@@ -268,5 +269,5 @@ def _bounds_of(wrapped: tuple[Any, ...], parts: Parts) -> list[Bounds]:
 
 def _within_ball(bounds: Bounds) -> Bounds:
     """Return bounds of a vector's components that hold for every rotation, for given bounds of the components."""
-    largest = norms_of(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))[None])[0] * (1.0 + 1e-12)
+    largest = lengths(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))[None]) * (1.0 + 1e-12)
     return -np.repeat(largest, len(bounds[0])), np.repeat(largest, len(bounds[0]))

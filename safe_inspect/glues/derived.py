@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.glues.base import Bounds, ObservationGlue, Parts
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.observe_sensor import ObserveSensor
@@ -88,12 +89,12 @@ class SimsMagnitudeGlue(DerivedGlue):
         """Return 0 and the norm of the largest values."""
         wrapped: Any = self.wrapped
         low, high = wrapped.bounds(parts)
-        return np.zeros(1), norms_of(np.maximum(np.abs(low), np.abs(high))[None])[0]
+        return np.zeros(1), lengths(np.maximum(np.abs(low), np.abs(high))[None])
 
     def values(self, view: View) -> FloatArray:
         """Return the norm, shape (R, 1)."""
         wrapped: Any = self.wrapped
-        return norms_of(wrapped(view))
+        return lengths(wrapped(view))[:, None]
 
 
 class VelocityLimitGlue(SpeedLimit, DerivedGlue):
@@ -116,7 +117,7 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
     def values(self, view: View) -> FloatArray:
         """Return the speed limit [m/s], shape (R, 1)."""
         threshold, distance, slope, _ = self.limit_line(view.world)
-        limit: FloatArray = threshold + slope * np.maximum(norms_of(view.reading(self.sensor)) - distance, 0.0)
+        limit: FloatArray = threshold + slope * np.maximum(lengths(view.reading(self.sensor))[:, None] - distance, 0.0)
         return limit
 
 
@@ -132,11 +133,3 @@ def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
         if scale == 1.0 and normalizer is None:
             return SensorReading(glue.sensor)
     return GlueReading(glue, len(glue.names(group.sensors)))
-
-
-def norms_of(vectors: FloatArray) -> FloatArray:
-    """Return the norm of each row, shape (R, 1); the results do not depend on the batch, bit for bit."""
-    total = np.zeros(len(vectors))
-    for column in vectors.T:
-        total = total + column * column
-    return np.sqrt(total)[:, None]

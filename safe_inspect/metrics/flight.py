@@ -6,17 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.metrics.base import Metric, Reduce, over_both
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.view import DECISION, REMAINING, Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce
-
-
-def _size(vector: FloatArray) -> FloatArray:
-    """Return the length of each vector; the order of summation does not depend on the batch."""
-    x, y, z = vector[:, 0], vector[:, 1], vector[:, 2]
-    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 class DeltaV(Metric):
@@ -73,7 +68,7 @@ class SmallestRange(Metric):
         return over_both(step, step.first, self._range, np.minimum)
 
     def _range(self, view: View) -> FloatArray:
-        return _size(view.position - view.entity_position(self.entity_name))
+        return lengths(view.position - view.entity_position(self.entity_name))
 
 
 class LargestRange(Metric):
@@ -93,7 +88,7 @@ class LargestRange(Metric):
         return over_both(step, step.first, self._range, np.maximum)
 
     def _range(self, view: View) -> FloatArray:
-        return _size(view.position - view.entity_position(self.entity_name))
+        return lengths(view.position - view.entity_position(self.entity_name))
 
 
 class LargestSpeed(Metric):
@@ -113,7 +108,7 @@ class LargestSpeed(Metric):
         return over_both(step, step.first, self._speed, np.maximum)
 
     def _speed(self, view: View) -> FloatArray:
-        return _size(view.velocity - view.entity_velocity(self.entity_name))
+        return lengths(view.velocity - view.entity_velocity(self.entity_name))
 
 
 class ThrustingSteps(Metric):

@@ -88,8 +88,3 @@ def cross_rows(a: FloatArray, b: FloatArray) -> FloatArray:
 def dot_rows(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the dot products of rows of three elements, shape (R,)."""
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2])
-
-
-def size_of_rows(vector: FloatArray) -> FloatArray:
-    """Return the lengths of rows of three elements, shape (R,)."""
-    return np.asarray(np.sqrt(dot_rows(vector, vector)))

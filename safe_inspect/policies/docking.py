@@ -10,7 +10,8 @@ from pydantic import Field
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import rotate
-from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, cross_rows, dot_rows, shortened, size_of_rows
+from safe_inspect.geometry.distance import lengths
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, cross_rows, dot_rows, shortened
 from safe_inspect.simulators.view import View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
@@ -78,11 +79,11 @@ class DockingController(ScriptedPolicy):
         """Return the thrust [N], shape (R, 3)."""
         mating, position, velocity = view.mating_point_position, view.position, view.velocity
         turn = rotate(view.target_orientation, view.target_angular_velocity)
-        reach, distance = size_of_rows(mating), np.maximum(size_of_rows(position), 1e-9)
+        reach, distance = lengths(mating), np.maximum(lengths(position), 1e-9)
         n, p = mating / np.maximum(reach, 1e-9)[:, None], position / distance[:, None]
         angle = np.arccos(np.clip(dot_rows(n, p), -1.0, 1.0))
         across = n - dot_rows(n, p)[:, None] * p
-        across /= np.maximum(size_of_rows(across), 1e-9)[:, None]
+        across /= np.maximum(lengths(across), 1e-9)[:, None]
         step = np.minimum(angle, self.lead)[:, None]
         direction = np.cos(step) * p + np.sin(step) * across
         height = reach + (_STANDOFF - reach) * np.minimum(angle / _CORRIDOR, 1.0)
@@ -90,7 +91,7 @@ class DockingController(ScriptedPolicy):
         reference_velocity = cross_rows(turn, reference)
         to_reference = reference - position
         pull = self.frequency / 2.0 * to_reference
-        pull *= np.minimum(1.0, _APPROACH_SPEED / np.maximum(size_of_rows(pull), 1e-9))[:, None]
+        pull *= np.minimum(1.0, _APPROACH_SPEED / np.maximum(lengths(pull), 1e-9))[:, None]
         gain = 2.0 * self.frequency
         wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]

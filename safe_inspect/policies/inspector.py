@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
 from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, coast_others
 from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
@@ -25,7 +26,6 @@ from safe_inspect.policies.base import (
     cross_rows,
     dot_rows,
     shortened,
-    size_of_rows,
 )
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.resets.attitudes import require_length
@@ -260,7 +260,7 @@ class SixDofInspector(ScriptedPolicy):
         phi = self._rotation(rotate_back(q, way))
         wanted = w + phi / step - 1.5 * (w - sight)
         if vehicle.rate_limit is not None:
-            size = size_of_rows(wanted)
+            size = lengths(wanted)
             wanted *= np.minimum(1.0, _RATE_SHARE * vehicle.rate_limit / np.maximum(size, 1e-12))[:, None]
         change = (wanted - w) / step
         moment = shortened(change * np.array(vehicle.inertia), ThrustLimits(limits.low[3:], limits.high[3:]))
@@ -274,7 +274,7 @@ class SixDofInspector(ScriptedPolicy):
         least = np.eye(3)[np.abs(axis).argmin()]
         across = np.cross(axis, least) / np.linalg.norm(np.cross(axis, least))
         normal = cross_rows(np.broadcast_to(axis, way.shape), way)
-        size, along = size_of_rows(normal), dot_rows(np.broadcast_to(axis, way.shape), way)
+        size, along = lengths(normal), dot_rows(np.broadcast_to(axis, way.shape), way)
         straight = size < 1e-12  # ahead or exactly behind: use any perpendicular axis
         unit = np.where(straight[:, None], across, normal / np.where(straight, 1.0, size)[:, None])
         return np.asarray(np.arctan2(size, along)[:, None] * unit)

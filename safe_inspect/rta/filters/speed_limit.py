@@ -8,6 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
@@ -89,12 +90,12 @@ class SpeedLimitFilter:
 
     def phi(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Return L(r) - speed [m/s], shape (R,)."""
-        return self._limit(position) - _norm(velocity)
+        return self._limit(position) - lengths(velocity)
 
     def is_safe(self, position: FloatArray, velocity: FloatArray) -> BoolArray:
         """Return the rows within the limit and its margin e, from which the filter guarantees the limit, shape (R,)."""
         limit = self._limit(position)
-        return np.asarray(_norm(velocity) <= (1.0 - self._share) * limit - self._rest)
+        return np.asarray(lengths(velocity) <= (1.0 - self._share) * limit - self._rest)
 
     def __call__(self, position: FloatArray, velocity: FloatArray, desired: FloatArray) -> FilterResult:
         """Return the nearest thrust that is found to satisfy the limit, or that of braking if none is found.
@@ -114,7 +115,7 @@ class SpeedLimitFilter:
             infeasible[rows] = ~self._keeps(state[rows], control[rows])
         return FilterResult(
             control=control,
-            intervening=_norm(control - desired) > _INTERVENTION,
+            intervening=lengths(control - desired) > _INTERVENTION,
             infeasible=infeasible,
             backup=refused,
             active=refused.astype(np.int64),
@@ -126,7 +127,7 @@ class SpeedLimitFilter:
         """Return whether the state after a hold is safe under every disturbance within the bounds, shape (R,)."""
         after = _times(self._phi, state) + _times(self._gamma, control)
         limit = self._limit(after[:, :3])
-        return np.asarray(_norm(after[:, 3:]) <= (1.0 - self._share) * limit - self._rest - self._missed)
+        return np.asarray(lengths(after[:, 3:]) <= (1.0 - self._share) * limit - self._rest - self._missed)
 
     def _search(self, state: FloatArray, wanted: FloatArray) -> FloatArray:
         """Return the thrust nearest to `wanted` on the path from braking that satisfies the limit [N], shape (R, 3)."""
@@ -144,13 +145,8 @@ class SpeedLimitFilter:
         return thrust(low)
 
     def _limit(self, position: FloatArray) -> FloatArray:
-        beyond = np.maximum(_norm(position) - self._d0, 0.0)
+        beyond = np.maximum(lengths(position) - self._d0, 0.0)
         return np.asarray(np.minimum(self._v0 + self._slope * beyond, self._top))
-
-
-def _norm(vectors: FloatArray) -> FloatArray:
-    """Return the norms of rows, shape (R,); the result is bit-identical for any batch size."""
-    return np.asarray(np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2 + vectors[:, 2] ** 2))
 
 
 def _times(matrix: FloatArray, rows: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.errors import InitialStateError
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
@@ -113,8 +114,8 @@ class _RunningTarget(RunningComponent):
 
     def info(self, view: View) -> dict[str, AnyArray]:
         return {
-            "mating_point_distance": _size(view.position - view.mating_point_position),
-            "mating_point_speed": _size(view.velocity - view.mating_point_velocity),
+            "mating_point_distance": lengths(view.position - view.mating_point_position),
+            "mating_point_speed": lengths(view.velocity - view.mating_point_velocity),
             "least_clearance": view.per_agent(view.state["least_clearance"]),
         }
 
@@ -129,8 +130,3 @@ class _RunningTarget(RunningComponent):
 def _clearance(view: View) -> FloatArray:
     """Return the signed distance of each agent's centre to the target [m], shape (R,)."""
     return view.per_agent(view.state["clearance"])
-
-
-def _size(vector: FloatArray) -> FloatArray:
-    x, y, z = vector[:, 0], vector[:, 1], vector[:, 2]
-    return np.asarray(np.sqrt(x * x + y * y + z * z))
