@@ -37,7 +37,7 @@ def main() -> int:
         parser.error("write --evaluation as TITLE=FILE")
 
     from safe_inspect.experiments.export.model_card import CardData
-    from safe_inspect.experiments.export.shipping import read_evaluation, ship
+    from safe_inspect.experiments.export.shipping import evaluation_content, ship
 
     try:
         card = CardData(
@@ -45,7 +45,7 @@ def main() -> int:
             arguments.title,
             arguments.command,
             machine=arguments.machine,
-            evaluations={title: read_evaluation(file) for title, _, file in pairs},
+            evaluations={title: evaluation_content(file) for title, _, file in pairs},
             seeds=arguments.seed_line,
             limits=arguments.limit,
         )

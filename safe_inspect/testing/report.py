@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from safe_inspect.environments.writers import writes_read_only
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.plugins.plugin import Plugin
 
 #: Remedy if a plugin writes into its inputs.
 WRITES = "compute on copies: no assignment, `+=` or `out=` on what the plugin is given"
+
+#: Parts of the paths of code that is not the user's.
+_LIBRARIES = (f"{Path(__file__).parents[1]}{os.sep}", "site-packages")
 
 
 @dataclass(frozen=True)
@@ -74,9 +78,9 @@ class Report:
             yield
         except Exception as error:
             cause = error.__cause__ if isinstance(error, PluginValueError) and error.__cause__ else error
-            calls = list(traceback.walk_tb(cause.__traceback__))
-            own = [index for index, (frame, _) in enumerate(calls) if isinstance(frame.f_locals.get("self"), Plugin)]
-            last = traceback.extract_tb(cause.__traceback__)[own[-1] if own else -1]
+            calls = traceback.extract_tb(cause.__traceback__)
+            own = [call for call in calls if not any(place in call.filename for place in _LIBRARIES)]
+            last = (own or calls)[-1]
             text = f"{type(cause).__name__}: {cause}".splitlines()[0]
             message = f"{what} raised {text} ({last.filename}:{last.lineno}: {last.line})"
             if writes_read_only(cause):

@@ -58,7 +58,7 @@ def test_an_episode_has_the_figures_of_its_mission() -> None:
     assert episodes.seed == 3
     for number in range(2):
         mission = Mission(experiment.config, number)
-        start = next(mission.steps())
+        _, chaser, target = next(mission.steps())
         summary = Mission(experiment.config, number).run().summary
         for name in {*MISSION_FIGURES} - {"planning_time"}:
             expected = np.nan if summary[name] is None else summary[name]
@@ -68,9 +68,9 @@ def test_an_episode_has_the_figures_of_its_mission() -> None:
         assert episodes.causes is not None
         assert episodes.causes[number] == summary["cause"] == "given up in OBSERVE"
         begun = {name: values[number] for name, values in episodes.initial_states.items()}
-        np.testing.assert_array_equal(begun["position"][0], start.chaser.position)
-        np.testing.assert_allclose(begun["target_orientation"], start.target.orientation, atol=1e-12)
-        np.testing.assert_allclose(begun["target_angular_velocity"], start.target.angular_velocity, atol=1e-12)
+        np.testing.assert_array_equal(begun["position"][0], chaser.position)
+        np.testing.assert_allclose(begun["target_orientation"], target.orientation, atol=1e-12)
+        np.testing.assert_allclose(begun["target_angular_velocity"], target.angular_velocity, atol=1e-12)
     assert not episodes.success.any()
 
 

@@ -68,6 +68,7 @@ class DummyTeam:
                 agents=tuple(entry["agents"]),
                 policies=tuple(entry["policies"]),
                 first=first,
+                members=slice(first, first + len(entry["agents"])),
                 size=len(entry["agents"]),
                 scripted=False,
                 safety_filter=None,

@@ -40,12 +40,12 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shelf(run, tmp_path_factory):
     """Return a folder with one shipped policy."""
-    from safe_inspect.experiments.export.shipping import read_evaluation, ship
+    from safe_inspect.experiments.export.shipping import evaluation_content, ship
 
     root = tmp_path_factory.mktemp("trained")
     (root / "evaluation.json").write_text(json.dumps(EVALUATION))
     evaluations = {"The shipped task": root / "evaluation.json"}
-    contents = {title: read_evaluation(path) for title, path in evaluations.items()}
+    contents = {title: evaluation_content(path) for title, path in evaluations.items()}
     ship(run[1], root, named("one-deputy", evaluations=contents, machine="two cores", seeds=["seed 5: 99 %"]))
     return root
 
@@ -151,7 +151,7 @@ def test_a_team_has_a_file_for_each_policy(tmp_path):
 
 
 def test_mistakes(run, shelf, tmp_path):
-    from safe_inspect.experiments.export.shipping import read_evaluation, ship
+    from safe_inspect.experiments.export.shipping import evaluation_content, ship
 
     before = sorted(shelf.rglob("*"))
     with pytest.raises(OutputError, match="one-deputy: the folder exists already"):
@@ -160,7 +160,7 @@ def test_mistakes(run, shelf, tmp_path):
         ship(run[1], shelf, named("../one"))
     (tmp_path / "file").write_text("{}")
     with pytest.raises(CheckpointError, match="this is not an evaluation"):
-        read_evaluation(tmp_path / "file")
+        evaluation_content(tmp_path / "file")
     with pytest.raises(OutputError, match="cannot be written"):
         ship(run[1], tmp_path / "file", named("two"))
     with pytest.raises(CheckpointError, match="there is no such checkpoint"):

@@ -315,5 +315,7 @@ def test_a_policy_that_declares_nothing_is_named_when_it_reads_what_is_not_there
     spec = load_experiment("safe_inspect/TranslationalInspection-v1").spec
     environment = TeamEnvironment(with_scripted(spec, ReadsATarget()), 2, _fused=False)
     environment.reset()
-    with pytest.raises(SafeInspectError, match=r"ReadsATarget reads a missing value \(.*policies.py:\d+\): the view of"):
+    with pytest.raises(
+        SafeInspectError, match=r"ReadsATarget reads a missing value \(.*policies.py:\d+\): the view of"
+    ):
         environment.step(())

@@ -154,13 +154,13 @@ def test_the_table_of_a_mission_shows_its_figures() -> None:
     table = mission_table(_summary() | {"time": 1.23456, "contact_speed": None, "plans": 2}).splitlines()
     assert table[0] == "success"
     assert "  time                                      1.23 s" in table
-    assert "  speed at contact                      -" in table
-    assert "  plans                                 2" in table
+    assert "  speed at contact                          -" in table
+    assert "  plans                                     2" in table
     assert table[-1].startswith("  delta-v ")
     failed = mission_table(_summary(False, "why"))
     assert failed.startswith("failed: why (too wide)\n")
     assert mission_table({"success": False, "cause": "why"}).startswith(
-        "failed: why\n  time                                  -\n"
+        "failed: why\n  time                                      -\n"
     )
 
 

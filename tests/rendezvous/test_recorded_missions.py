@@ -49,9 +49,9 @@ def _flown(name: str) -> dict[str, list[list[float]]]:
     mission = Mission(config, config.seed)
     every = round(10.0 / config.mission.step)
     found: dict[str, list[list[float]]] = {"chaser": [], "target": [], "estimate": []}
-    for k, step in enumerate(mission.steps()):
+    for k, (_, chaser, target) in enumerate(mission.steps()):
         if k % every == 1:
-            chaser, target, known = step.chaser, step.target, mission.pilot.context.estimate
+            known = mission.pilot.context.estimate
             found["chaser"].append([*chaser.position, *chaser.velocity, *_axes(chaser.orientation)])
             found["target"].append([*_axes(target.orientation), *target.angular_velocity])
             seen = known.target

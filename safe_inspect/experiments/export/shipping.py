@@ -109,7 +109,7 @@ def _row(done: Exported) -> tuple[str, str, str, str]:
     return done.path.name, ", ".join(done.info.agents), action, found
 
 
-def read_evaluation(path: str | os.PathLike[str]) -> dict[str, Any]:
+def evaluation_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the content of an `evaluation.json`.
 
     Raises:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 from safe_inspect.errors import ConfigError, Problem, RegistryError
 from safe_inspect.plugins.registry import import_user_module
 
-T = TypeVar("T")
+_Kind = TypeVar("_Kind")
 
 
 def built(value: Any, where: str) -> Any:
@@ -35,7 +35,7 @@ def built(value: Any, where: str) -> Any:
         raise mistake(f"{value['functor']} rejects its `config`: {error}", where) from error
 
 
-def built_as(kind: type[T], what: str, entry: Mapping[str, Any], where: str) -> T:
+def built_as(kind: type[_Kind], what: str, entry: Mapping[str, Any], where: str) -> _Kind:
     """Return the object that `{functor: ..., config: {...}}` names, see `built`.
 
     Args:
