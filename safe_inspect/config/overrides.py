@@ -26,7 +26,7 @@ from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import LocatedList, locate, rewritten, value_at, with_value
 from safe_inspect.config.loading.merge import items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.models.fields import known_keys
+from safe_inspect.config.models.fields import known_keys, plugin_of
 from safe_inspect.errors import ConfigError, Location, Problem
 
 #: An index in the form of messages: ``agent_config[0].policy``.
@@ -88,11 +88,29 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
             if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
                 note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
                 warnings.warn(note, stacklevel=2)
+        found = found or _accepting(tree, parts)
     if len(found) == 1:
-        return with_value(tree, found[0], parse(text, location), location)
+        path, value = found[0], parse(text, location)
+        if path[-2:-1] == ("config",) and "config" not in value_at(tree, path[:-2]):
+            path, value = path[:-1], {path[-1]: value}
+        return with_value(tree, path, value, location)
     if found:
         raise ConfigError(_several(tree, parts, found, text, location))
     raise ConfigError(_unknown(tree, parts, location))
+
+
+def _accepting(tree: Any, parts: list[str]) -> list[Found]:
+    """Return the matches of a path to the `config` of a plugin that has none yet, or to a field in it."""
+    depth = len(parts) - 1 - (parts[-2:-1] == ["config"])
+    if depth < 1 or parts[depth] != "config":
+        return []
+    found = []
+    for path in _existing(tree, parts[:depth]):
+        functor = value_at(tree, path)
+        plugin = plugin_of(functor)
+        if plugin is not None and "config" not in functor and plugin.model_fields.keys() >= {*parts[depth + 1 :]}:
+            found.append((*path, *parts[depth:]))
+    return found
 
 
 def _several(tree: Any, parts: list[str], found: list[Found], text: str, location: Location) -> Problem:

@@ -296,3 +296,15 @@ def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_messag
     every = str(refused.value).partition("to replace each, write ")[2].split()
     spec = load_experiment(SHIPPED, every).spec
     assert [platform.mass for platform in spec.platforms.values()] == [20.0]
+
+
+@pytest.mark.parametrize(
+    "override", ["parts.Sensor_Position.config={errors: {noise: 0.5}}", "parts.3.config.errors={noise: 50 cm}"]
+)
+def test_a_short_path_reaches_the_config_of_a_plugin_without_one(override):
+    (part,) = [
+        part
+        for part in load_experiment("configs/docking/experiment.yml", [override]).spec.agents[0].parts.values()
+        if part.registered_name == "Sensor_Position"
+    ]
+    assert part.errors.noise == 0.5
