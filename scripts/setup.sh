@@ -14,4 +14,5 @@ if [ ! -f "$venv/.ready" ] || [ "$(cat "$venv/.ready")" != "$state" ]; then
     trap "kill $!" EXIT
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[dev]'
     echo "$state" > "$venv/.ready"
+    echo "Ready: $venv/bin/python" >&2
 fi

@@ -136,10 +136,16 @@ class Sensor(Part, RowPlugin):
         """Convert the errors that are given with a unit to the unit of the reading."""
         if not isinstance(value, Mapping):
             return value
-        return {
-            key: to_si(given, cls.symbol) if key in ("noise", "bias", "resolution") else given
-            for key, given in value.items()
-        }
+        converted, problems = dict(value), []
+        for key in ("noise", "bias", "resolution"):
+            try:
+                if key in value:
+                    converted[key] = to_si(value[key], cls.symbol)
+            except ValueError as error:
+                problems.append(f"{key}: {error}")
+        if problems:
+            raise ValueError("; ".join(problems))
+        return converted
 
     @property
     def element_names(self) -> tuple[str, ...]:
