@@ -91,7 +91,8 @@ def factor(name: str, symbol: str) -> float:
     """
     found = unit(name)
     if found.symbol != symbol:
-        raise UnitError(f"{name!r} is not a unit of {_describe(symbol)}; use {symbol or 'no unit'!r}")
+        use = f"use {symbol!r}" if symbol else "write a number without a unit"
+        raise UnitError(f"{name!r} is not a unit of {_describe(symbol)}; {use}")
     return found.factor
 
 

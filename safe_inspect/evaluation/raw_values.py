@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import ConfigDict
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
@@ -46,6 +47,8 @@ class ObservedElement:
             share a policy, all that occur.
     """
 
+    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
+
     name: str
     unit: str
     centre: float = 0.0
@@ -72,6 +75,8 @@ class CommandedElement:
         plugins: The configuration, as JSON, of a glue, normaliser or controller that is not part of this package; if
             several agents share a policy, all that occur.
     """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
 
     name: str
     unit: str

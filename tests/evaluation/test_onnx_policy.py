@@ -200,10 +200,15 @@ class TestRefusals:
         with pytest.raises(CheckpointError, match=r"written by safe_inspect .*export the checkpoint again"):
             load_onnx(path)
         model.metadata_props[1].value = "1"
-        next(item for item in model.metadata_props if item.key == "action").value = "[{}]"
-        path.write_bytes(seal(model.SerializeToString()))
-        with pytest.raises(CheckpointError, match="metadata are damaged"):
-            load_onnx(path)
+        for key in ("observation", "action"):
+            entry = next(item for item in model.metadata_props if item.key == key)
+            elements = json.loads(entry.value)
+            for damaged in ([{}], [element | {"a later key": 1} for element in elements]):
+                entry.value = json.dumps(damaged)
+                path.write_bytes(seal(model.SerializeToString()))
+                with pytest.raises(CheckpointError, match="metadata are damaged"):
+                    load_onnx(path)
+            entry.value = json.dumps(elements)
         del model.metadata_props[:]
         path.write_bytes(model.SerializeToString())
         with pytest.raises(CheckpointError, match="contains no policy of this package"):

@@ -101,7 +101,7 @@ def test_numbers_pass_as_they_are(value: float, symbol: str) -> None:
         ("5 metres/fortnight", "m/s", "unknown unit 'metres/fortnight'"),
         ("5 metrs", "m", "did you mean `metres`|did you mean `meters`"),
         ("5 s", "m", "'s' is not a unit of length; use 'm'"),
-        ("5 kg", "", "'kg' is not a unit of a pure number; use 'no unit'"),
+        ("5 kg", "", "'kg' is not a unit of a pure number; write a number without a unit"),
         ("five metres", "m", "'five metres' is not a quantity"),
         ("", "m", "is not a quantity"),
         ("1e400e m", "m", "unknown unit|not a quantity"),

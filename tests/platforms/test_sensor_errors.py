@@ -157,3 +157,29 @@ def test_a_reward_that_names_a_sensor_with_errors_is_refused() -> None:
             "agent_config.0.config.config.dones.MaxDistanceDoneFunction.config="
             "{reference_position_sensor_name: Sensor_Position}",
         )
+
+
+def test_the_errors_of_agents_and_sensors_are_independent_and_a_bias_walks_by_time() -> None:
+    """Three deputies that are computed as one group, with steps of 10 s."""
+    given = {"Sensor_Position": "{walk: 0.3, noise: 0.2}", "Sensor_Velocity": "{walk: 0.3, noise: 0.2}"}
+    overrides = [f"parts.{sensor}.config.errors={errors}" for sensor, errors in given.items()]
+    overrides.append("env_config.rta.config.enabled=False")
+    spec = load_experiment(
+        str(configs_root() / "multiagent-translational-inspection" / "experiment.yml"), overrides
+    ).spec
+    env, errors = TeamEnvironment(spec, 400, seed=3), []
+    env.reset()
+    (group,) = env.groups
+    for _ in range(9):
+        view = env.view()
+        exact = view.position, view.velocity
+        errors.append([view.reading(name) - truth for name, truth in zip(given, exact, strict=True)])
+        env.step([np.zeros((400, 3, group.action_layout.size))])
+    error = np.array(errors).reshape(9, 2, 400, 3, 3)  # steps, sensors, environments, agents, elements
+    moves = np.diff(error, axis=0)
+    variance = 0.3**2 * 10.0 + 2.0 * 0.2**2
+    assert moves.var() == pytest.approx(variance, rel=0.03)
+    assert np.var(error[8] - error[0]) == pytest.approx(8 * 0.9 + 0.08, rel=0.06)  # noise and walk are independent
+    own = moves / np.sqrt(variance)
+    for one, other in ((own[:, 0], own[:, 1]), (own[..., 0, :], own[..., 1, :]), (own[..., 1, :], own[..., 2, :])):
+        assert (one * other).mean() == pytest.approx(0.0, abs=4 / np.sqrt(one.size))
