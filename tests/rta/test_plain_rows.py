@@ -11,8 +11,9 @@ import pytest
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState, TubeFilter
 
+from .limit_flights import BOUNDS, CLOSE, FAR, LOST, NEAR, N, drawn, flown, wanted
 from .plain import uncompiled
-from .test_recorded_filters import BOUNDS, CLOSE, FAR, LOST, NEAR, N, drawn, flown, team, wanted
+from .test_recorded_filters import team
 
 ROWS = 8
 
