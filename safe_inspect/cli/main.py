@@ -65,7 +65,8 @@ _COMMANDS = {
     ),
     "acceptance": _Command(
         "safety", "print the share of random initial states that is safe",
-        "It also prints which constraint refuses the others.",
+        "It also prints which constraint refuses the others, which of them `alone`, and how many have no backup plan "
+        "(`recoverable`).",
         "safe-inspect acceptance configs/translational-inspection/experiment.yml",
     ),
     "evaluate": _Command(

@@ -237,7 +237,9 @@ class Acceptance:
 
 
 def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Acceptance:
-    """Sample initial states once each, without retries, and check them against the constraints.
+    """Sample initial states of the first deputy once each, without retries, and check them against the constraints.
+
+    As in an environment, these are the constraints of the rejection sampler and those of the enabled filters.
 
     Args:
         spec: The task; one of its reset parameters must be a rejection sampler.
@@ -252,8 +254,11 @@ def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Ac
         raise ValueError(f"`draws` must be at least 1, got {draws}")
     streams = Streams(seed, np.arange(draws), np.zeros(draws, dtype=np.int64))
     values: dict[str, Value] = {}
+    deputy = next(iter(spec.reset.deputies.values()), None)
     for name, parameter in spec.reset.parameters.items():
         draw = Draw(streams, name, values=values)
+        if deputy is not None and name in deputy.sources:
+            draw = spec.reset.tested(draw)
         if isinstance(parameter, RejectionSampler):
             states, refused = parameter.candidates(draw)
             accepted = np.ones(draws, dtype=np.bool_)

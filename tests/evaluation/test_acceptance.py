@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
@@ -72,14 +73,18 @@ def test_the_filter_refuses_a_little_more(shipped, found):
     assert 0.0 < found.accepted.mean() - on.accepted.mean() < 0.01
 
 
-def test_its_accepted_draws_are_the_starts_of_the_environment(shipped):
-    spec = load_experiment(shipped).spec
+@pytest.mark.parametrize(("name", "on"), [("", False), ("", True), ("-filtered", True)])
+def test_its_accepted_draws_are_the_starts_of_the_environment(name, on):
+    """Whichever filter is enabled: none, the deputy's own, or that of the team, with thrusters of 0.1 N."""
+    file = configs_root() / f"translational-inspection/experiment-burn-and-coast{name}.yml"
+    spec = load_experiment(file, [ON] if on and not name else []).spec
     first = acceptance(spec, 300, seed=9)
     env = BatchedEnvironment(spec, 300, seed=9)
     env.reset()
     same = (env.state.position[:, 0] == first.states["position"]).all(axis=1)
     np.testing.assert_array_equal(same, first.accepted)
     assert 0 < first.accepted.sum() < 300
+    assert ("recoverable" in first.refused) == on
 
 
 def test_the_figure_is_written(found, tmp_path):

@@ -88,7 +88,7 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
     found = acceptance(spec, arguments.draws, arguments.seed)
     print(found)
     disabled = [glue for agent in spec.agents for glue in agent.action_glues if not getattr(glue, "enabled", True)]
-    if disabled:
+    if disabled and (spec.team_safety is None or not spec.team_safety.enabled):
         name = type(disabled[0]).registered_name
         print(
             f"note: only the sampler's constraints are checked, because the filter is off; set "

@@ -99,7 +99,7 @@ class ResetPlan:
         values: dict[str, Value] = {}
         for name, parameter in self.parameters.items():
             draw = Draw(streams, name, values=values)
-            values[name] = parameter(self._tested(draw, 0, {}) if name in lead else draw)
+            values[name] = parameter(self.tested(draw) if name in lead else draw)
         bodies: dict[str, dict[str, FloatArray]] = {}
         placed: dict[str, FloatArray] = {}
         for index, (name, body) in enumerate(self.deputies.items()):
@@ -129,7 +129,7 @@ class ResetPlan:
                 continue
             shared = {state: array for state, array in base.items() if state not in OWN_STATES and "/" not in state}
             draw = Draw(streams, f"{name}@{index}", values=values, fixed=shared)
-            drawn = self.parameters[name](self._tested(draw, index, placed))
+            drawn = self.parameters[name](self.tested(draw, index, placed))
             assert isinstance(drawn, dict), "a parameter always returns the same kind of value"
             own[name] = drawn
             for key in drawn:  # sum the statistics of the draw over all deputies
@@ -155,7 +155,15 @@ class ResetPlan:
                 states[name][rows] = array
         return states
 
-    def _tested(self, draw: Draw, index: int, placed: Mapping[str, FloatArray]) -> Draw:
+    def tested(self, draw: Draw, index: int = 0, placed: Mapping[str, FloatArray] | None = None) -> Draw:
+        """Return the draw of a deputy's states, with the plan's tests and the distance to other deputies.
+
+        Args:
+            draw: The draw.
+            index: Index of the deputy.
+            placed: Stacked states of the deputies that are drawn before it, by name; None for the first one.
+        """
+        placed = {} if placed is None else placed
         if not self.tests and (self.separation == 0.0 or not placed):
             return draw
 
