@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
@@ -16,7 +17,7 @@ from safe_inspect.config.building.team import policies_of
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import LocatedDict, ResolvedExperiment, locate, path_text
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, ResolvedExperiment, locate, path_text
 from safe_inspect.config.loading.references import expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
@@ -48,6 +49,10 @@ class Experiment(ResolvedExperiment):
     rllib: dict[str, Any]
     algorithm: str
     policies: Mapping[str, PolicySpec]
+
+
+#: Messages about something that the list of an included file may have contained.
+_MISSING = re.compile(r"^no \w+ is named|^the key is missing")
 
 
 def load_experiment(
@@ -100,7 +105,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
         config = ExperimentConfig.model_validate(expanded)
     except ValidationError as error:
         found = [*problems, *problems_of(error, expanded, model=ExperimentConfig)]
-        raise ConfigError(_told_once(found)) from None
+        raise ConfigError(_listed(found, expanded)) from None
 
     def report(where: tuple[Any, ...], message: str) -> None:
         problems.append(Problem(message, path_text(where), locate(expanded, where)))
@@ -113,18 +118,37 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
     horizon = _horizon(config, rllib, report)
     spec = assemble(config, horizon, report, seed=_seed(rllib))
     if problems or spec is None:
-        raise ConfigError(_told_once(problems))
+        raise ConfigError(_listed(problems, expanded))
     algorithm = next(policy.algorithm for policy in policies.values() if policy.trains)
     return Experiment(source, tree, config, spec, rllib, algorithm, policies)
 
 
-def _told_once(problems: list[Problem]) -> list[Problem]:
-    """Return the problems without those that a template repeats for each of its agents (same place, same mistake)."""
+def _listed(problems: list[Problem], tree: Any) -> list[Problem]:
+    """Return the problems to print.
+
+    Those that a template repeats for each of its agents (same place, same mistake) are left out. If something is
+    missing that a replaced list may have contained, a last line says which list was replaced.
+    """
     kept: dict[Any, Problem] = {}
     for problem in problems:
         key = (problem.message, problem.location, problem.hint) if problem.location is not None else problem
         kept.setdefault(key, problem)
-    return list(kept.values())
+    listed = list(kept.values())
+    if any(_MISSING.search(problem.message) for problem in listed):
+        listed += _replaced_lists(tree, ())
+    return listed
+
+
+def _replaced_lists(tree: Any, path: tuple[Any, ...]) -> Iterator[Problem]:
+    """Yield a line for each list of mappings in a file that replaced the list of an included file."""
+    before = getattr(tree, "marks", {}).get(REPLACED)
+    named = isinstance(tree, list) and any(isinstance(item, Mapping) for item in tree)
+    if named and before is not None and tree.location is not None and before.file != tree.location.file:
+        message = f"this list replaces that of {before}, so its items are gone"
+        hint = f"append with `{path[-1]}+: [...]`, or change an item by its name with `{path[-1]}: {{NAME: ...}}`"
+        yield Problem(message, path_text(path), tree.location, hint)
+    for key, value in tree.items() if isinstance(tree, Mapping) else enumerate(tree) if isinstance(tree, list) else ():
+        yield from _replaced_lists(value, (*path, key))
 
 
 def _rllib(

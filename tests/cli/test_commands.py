@@ -127,6 +127,10 @@ def test_list_of_a_kind_and_of_a_name(typed):
     assert code == 0
     assert "scale = -0.01  Reward for an intervention" in out
     assert "ObservedPointsReward" not in out
+    code, out, _ = typed("list", "part", "Sensor_Position")
+    assert "      errors = None" in out
+    assert "          noise = 0.0  Standard deviation of the white noise." in out
+    assert "noise = " not in typed("list", "part")[1]
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def _load(folder: str, *overrides: str, file: str = "experiment.yml") -> None:
         ),
         (
             (_BEACON, f"{_AGENT}.parts.8.config.entity_name=beacon"),
-            "dones[1].config.reference_position_sensor_name: the filter assumes a chief at rest at the origin, but "
+            "dones[0].config.reference_position_sensor_name: the filter assumes a chief at rest at the origin, but "
             "'reference_position' does not read such a body",
         ),
         (

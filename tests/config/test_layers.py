@@ -92,3 +92,18 @@ def test_an_agent_of_files_and_of_short_keys_has_both(layered, file):
 def test_a_mistake_stands_where_it_is_written(layered, text, words):
     with pytest.raises(ConfigError, match=words):
         layered(text)
+
+
+def test_a_list_that_replaced_the_included_one_is_named_if_something_is_missing(layered):
+    with pytest.raises(ConfigError, match="no controller is named") as caught:
+        layered("- blue0_ctrl:\n    parts: [{part: Sensor_Position}]\n")
+    last = str(caught.value.problems[-1])
+    assert last.startswith("experiment.yml:3 agent_config[0].config.config.parts: this list replaces that of ")
+    assert "configs/docking/experiment.yml:" in last
+    assert "`parts+: [...]`" in last
+    with pytest.raises(ConfigError, match="the key is missing") as caught:
+        layered("- agent_config:\n    - {policy: {}}\n")
+    assert "agent_config: this list replaces that of" in str(caught.value.problems[-1])
+    with pytest.raises(ConfigError) as caught:
+        layered("- blue0_ctrl:\n    parts: [{part: Sensor_Position}]\n    rewards: 5\n")
+    assert "replaces" not in str(caught.value)

@@ -106,6 +106,13 @@ def test_a_key_with_a_plus_appends_to_the_list():
     assert base == {"config": {"rewards": [1, 2], "dones": [3]}}
 
 
+def test_mistakes_of_a_list_are_located_where_it_was_appended_to(write):
+    write({"a.yml": "x:\n  - {a: [1]}\n  - b: 2\n    a+: [2]\n"})
+    merged = merge(load("a.yml")["x"])
+    assert str(locate(merged, ("a",))) == "a.yml:4"
+    assert [str(locate(merged, ("a", index))) for index in (0, 1)] == ["a.yml:2", "a.yml:4"]
+
+
 def test_appending_to_no_list_is_an_error():
     with pytest.raises(ConfigError, match=r"`rewards\+` must be a list, not 4"):
         merge([{"rewards": [1]}, {"rewards+": 4}])

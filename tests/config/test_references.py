@@ -59,16 +59,16 @@ def test_references_become_fields(write):
     assert tree == before
 
 
-def test_a_value_is_located_at_its_reference(write):
+def test_a_value_is_located_in_the_store(write):
     write({"agent.yml": AGENT, "parameters.yml": STORE})
     expanded = expand_references(load("agent.yml"))
     glue = ("config", "glues", 0)
-    assert str(locate(expanded, (*glue, "config", "v0"))) == "agent.yml:8"
-    assert str(locate(expanded, (*glue, "config", "radius"))) == "agent.yml:7"
+    assert str(locate(expanded, (*glue, "config", "v0"))) == "parameters.yml:2"
+    assert str(locate(expanded, (*glue, "config", "radius"))) == "parameters.yml:1"
     assert str(locate(expanded, (*glue, "config", "radius", "value"))) == "parameters.yml:1"
     assert str(locate(expanded, (*glue, "config", "enabled"))) == "agent.yml:5"
-    assert str(locate(expanded, (*glue, "wrapped", 0, "config", "step_size"))) == "agent.yml:11"
-    assert str(locate(expanded, ("config", "rewards", 0, "config", "limits"))) == "agent.yml:14"
+    assert str(locate(expanded, (*glue, "wrapped", 0, "config", "step_size"))) == "parameters.yml:3"
+    assert str(locate(expanded, ("config", "rewards", 0, "config", "limits"))) == "parameters.yml:7"
 
 
 def test_all_wrong_references_are_reported_together(write):

@@ -6,8 +6,9 @@ import argparse
 import inspect
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
@@ -142,7 +143,7 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
     if kind is not None and kind not in kinds:
         raise RegistryError(f"unknown kind {kind!r}; {did_you_mean(kind, [*kinds, 'tasks', 'policies'])}")
     if kind is not None and name is not None and "." in name and name not in dict(registry.items(kind)):
-        return f"{kind}\n{_block(name, registry.get(kind, name))}"
+        return f"{kind}\n{_block(name, registry.get(kind, name), nested=True)}"
     blocks = []
     names = set()
     for each in (kind,) if kind else kinds:
@@ -150,23 +151,29 @@ def _catalogue(kind: str | None = None, name: str | None = None) -> str:
         names |= {label for label, _ in found}
         chosen = [(label, cls) for label, cls in found if name in (None, label)]
         if chosen:
-            blocks.append(f"{each}\n" + "\n".join(_block(label, cls) for label, cls in chosen))
+            blocks.append(f"{each}\n" + "\n".join(_block(label, cls, nested=name is not None) for label, cls in chosen))
     if not blocks:
         raise RegistryError(f"unknown plugin {name!r}; {did_you_mean(str(name), names)}")
     return "\n\n".join(blocks)
 
 
-def _block(name: str, cls: type[Plugin]) -> str:
+def _block(name: str, cls: type[Plugin], *, nested: bool) -> str:
     summary = (inspect.getdoc(cls) or "").partition("\n")[0]
+    return "\n".join([f"  {name}  {summary}", *_fields(cls, 6, nested=nested)])
+
+
+def _fields(cls: type[BaseModel], indent: int, *, nested: bool) -> Iterator[str]:
+    """Yield a line for each field of a model, and with `nested` for those of the models that it takes."""
     documented = _documented(cls)
-    lines = [f"  {name}  {summary}"]
     for field, info in cls.model_fields.items():
         about = documented.get(field, "")
-        lines.append(f"      {field} = {_default(info)}" + (f"  {about}" if about else ""))
-    return "\n".join(lines)
+        yield f"{' ' * indent}{field} = {_default(info)}" + (f"  {about}" if about else "")
+        for kind in (info.annotation, *get_args(info.annotation)) if nested else ():
+            if inspect.isclass(kind) and issubclass(kind, BaseModel) and not issubclass(kind, Plugin):
+                yield from _fields(kind, indent + 4, nested=True)
 
 
-def _documented(cls: type[Plugin]) -> dict[str, str]:
+def _documented(cls: type[BaseModel]) -> dict[str, str]:
     """Return the descriptions of the fields in the docstrings of a class and its bases; the class has precedence."""
     texts: dict[str, str] = {}
     for parent in cls.__mro__:

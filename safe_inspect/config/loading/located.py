@@ -16,6 +16,9 @@ import yaml
 from safe_inspect.errors import Location
 from safe_inspect.version import __version__
 
+#: The key of a list's `marks` with the location of the list that it replaced in a merge.
+REPLACED = "replaced"
+
 #: Path of a value in a tree: keys and indices.
 KeyPath = Sequence[Any]
 
@@ -54,7 +57,7 @@ class LocatedList(_Located, list[Any]):
 
     Attributes:
         location: Where the list begins.
-        marks: Location of each item, by index.
+        marks: Location of each item, by index; and by `REPLACED` that of the list which this one replaced.
     """
 
 

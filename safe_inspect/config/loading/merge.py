@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, locate
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, LocatedList, Removal, locate
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: Suffix of a key whose list is appended.
@@ -78,6 +78,9 @@ def _over(old: Any, value: Any) -> Any:
         for key in value:
             old = _with_item(old, str(key), value[key], locate(value, (key,)))
         return old
+    if isinstance(value, LocatedList) and isinstance(old, list) and old and (before := locate(old, ())) is not None:
+        value = value.copy()
+        value.marks[REPLACED] = before
     return value
 
 
@@ -145,6 +148,9 @@ def _append(merged: LocatedDict, key: str, items: Any, location: Location | None
     marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
     marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}
     merged[key] = LocatedList([*base, *items], marks, getattr(base, "location", None))
+    if location is not None:
+        merged.marks.pop(key, None)  # so that the newest key comes last
+        merged.marks[key] = location
 
 
 def _lists(mapping: Mapping[Any, Any]) -> list[str]:

@@ -19,7 +19,7 @@ def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
 
     A mapping with ``references: {field: key}`` gets ``config[field] = store[key]``, and its
     ``references`` are removed. The store is the ``reference_store`` of the nearest
-    mapping around it. An error about such a value has the location of the reference.
+    mapping around it. An error about such a value has the location of the value in the store.
 
     Args:
         tree: A loaded configuration.
@@ -91,7 +91,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
         elif key not in store:
             wrong(where, f"the `{STORE}` has no key `{key}`", did_you_mean(key, store))
         else:
-            place = locate(root, (*path, *where))
+            place = getattr(store, "marks", {}).get(key) or locate(root, (*path, *where))
             config[field] = _value(store[key], place)
             if place is not None:
                 config.marks[field] = place
@@ -107,7 +107,7 @@ def _value(stored: Any, place: Location | None) -> Any:
         if isinstance(config, Mapping) and "value" in config:
             value, units = config["value"], config.get("units")
             stored = value if _is_pure(value, units) else LocatedDict({"value": value, "units": units})
-    if isinstance(stored, Mapping | list):
+    if isinstance(stored, Mapping | list) and getattr(stored, "location", None) is None:
         stored = rewritten(stored)
         stored.location = place
     return stored

@@ -87,8 +87,9 @@ class BackupFilter(SafetyFilter):
                 further.append(constraint)
             else:
                 raise ValueError(
-                    f"the backup filter cannot enforce {name!r}, which does not define `half_space`; define "
-                    "it (docs/safety.md#a-constraint-of-your-own) or use `method: continuous`, which needs `evaluate`"
+                    f"the backup filter cannot enforce {name!r} of `constraints`, which does not define `half_space`; "
+                    "define it (docs/safety.md#a-constraint-of-your-own) or use `method: continuous`, which needs "
+                    "`evaluate`"
                 )
         if len(further) > _MOST_FURTHER:
             raise ValueError(
