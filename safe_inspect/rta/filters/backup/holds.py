@@ -87,21 +87,25 @@ def _remains(dip: float, one: float, other: float) -> float:
 
 
 @njit(**BORROWING)
-def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
-    """Return whether the range is above the radius at every moment of the hold and of coasting from it.
+def coasting_bends(m: FilterModel, x: RowState, end: RowState, u: FloatArray) -> tuple[float, float]:
+    """Return bounds on the second derivatives of the position after a part of a hold and coasting [m/s^2].
 
-    The position is a smooth function P(t, s) of the time t of thrust and the time s of coasting. On a rectangle, e.P is
-    at least its least value at a corner, minus the largest second derivatives in t and s times the squared sides / 8.
+    They are those with respect to the time of thrust and to the time of coasting. Speed, acceleration and range over
+    the hold are bounded with S of `arcs` for the whole hold.
+
+    Args:
+        m: The model.
+        x: State at the start of the hold.
+        end: State at its end.
+        u: The thrust [N].
     """
     n = m.n
-    end = held(m, x, u, HOLD_PIECES)
     wx, wy, wz = u[0] / m.mass, u[1] / m.mass, u[2] / m.mass
     thrust = math.sqrt(wx * wx + wy * wy + wz * wz)
     ra = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     va = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
     rb = math.sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2])
     vb = math.sqrt(end[3] * end[3] + end[4] * end[4] + end[5] * end[5])
-    # Bounds over the hold, with S of `arcs` for the whole hold.
     k = 0.125 * n * n * m.dt * m.dt
     top_a = thrust + 3.0 * n * n * max(ra, rb) + 2.0 * n * max(va, vb)
     s = (max(va, vb) + top_a / n) / (1.0 - 9.0 * k)
@@ -111,7 +115,17 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
     jerk = n * (3.0 * n * fastest + 2.0 * hardest)
     bend_t = m.stretch[0] * hardest + m.stretch[1] * jerk
     coasting = n * (3.0 * n * farthest + 2.0 * fastest)
-    bend_s = m.stretch[2] * coasting + m.stretch[3] * fastest
+    return bend_t, m.stretch[2] * coasting + m.stretch[3] * fastest
+
+
+@njit(**BORROWING)
+def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: IntArray, where: IntArray) -> bool:
+    """Return whether the range is above the radius at every moment of the hold and of coasting from it.
+
+    The position is a smooth function P(t, s) of the time t of thrust and the time s of coasting. On a rectangle, e.P is
+    at least its least value at a corner, minus the largest second derivatives in t and s times the squared sides / 8.
+    """
+    bend_t, bend_s = coasting_bends(m, x, held(m, x, u, HOLD_PIECES), u)
     reach = m.near_psm + length
     base, last = 64, m.coast.shape[0] - 1
     cells = 0
