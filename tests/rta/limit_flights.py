@@ -16,7 +16,7 @@ from safe_inspect.types import FloatArray
 N, DT, ROWS, STEPS, TEAMS = 0.001027, 10.0, 250, 40, 60
 #: Of how many rows and steps each value is recorded; of the others the sums of each step are.
 SHOWN_ROWS, SHOWN_STEPS = 40, 8
-SUMS = ("sum of thrusts", "sum of refusing", "sum of backup")
+SUMS = ("sum of thrusts", "sum of refusing", "sum of backup", "sum of memory", "sum of tracks")
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
 )

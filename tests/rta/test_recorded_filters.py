@@ -69,6 +69,22 @@ class Ball(Constraint, name="TestRecordedBall"):
         return 20.0 + d[0] * 45.0 + d[1] * 30.0
 
 
+class Plane(Constraint, name="TestRecordedPlane"):
+    """Stay on one side of a plane."""
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
+        """Return how far from the plane a deputy is."""
+        out = ConstraintValues.zeros(len(state))
+        out.phi[:] = state.position @ np.array([0.0, 0.6, 0.8]) + 40.0
+        return out
+
+    @staticmethod
+    def half_space(p: Any, x: Any, d: Any) -> float:
+        """Write the normal."""
+        d[1], d[2] = 0.6, 0.8
+        return -40.0
+
+
 def check(name: str, found: dict[str, Any]) -> None:
     """Compare arrays with their record."""
     check_record(RECORD, name, found, SUMS)
@@ -86,6 +102,7 @@ def test_the_backup_filter(name: str, where: tuple[float, float, float]) -> None
         ("weak thrusters", BackupFilter({"m": 60.0, "u_max": 0.6}), 60.0),
         ("two constraints", BackupFilter(names=["chief_collision", "r_max"]), 12.0),
         ("a further constraint", BackupFilter(names=[*NAMES, Ball()]), 12.0),
+        ("two further constraints", BackupFilter(names=[Ball(), Plane()]), 12.0),
     ],
 )
 def test_other_backup_filters(name: str, run: BackupFilter, mass: float) -> None:
@@ -123,6 +140,7 @@ def test_the_tube_filter(name: str, where: tuple[float, float, float]) -> None:
         return result
 
     found = noted(flight(step, where, 6))
+    found["sum of memory"] = [one_number(one_number(after)) for after in memory]
     check(f"tube, {name}", found | {"memory": one_number(memory[-1][:SHOWN_ROWS])})
 
 
@@ -168,6 +186,7 @@ def team(seed: int, teams: int, coasting: bool) -> TeamState:
 )
 def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
     state, found, plan, tracks = team(10, TEAMS, coasting), [], None, None
+    kept_tracks = []
     kept, thrust, plans = run.plans(state)
     for step in range(STEPS):
         p = state.position
@@ -177,6 +196,7 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
         result = run(state, desired, plan, tracks)
         found.append(result)
         plan, tracks = result.plan, result.tracks
+        kept_tracks.append(0.0 if tracks is None else one_number(one_number(tracks).ravel()))
         rows = RelativeState(p.reshape(-1, 3), state.velocity.reshape(-1, 3), np.zeros(3 * TEAMS))
         after = flown(rows, result.control.reshape(-1, 3), 12.0)
         state = TeamState(
@@ -185,6 +205,7 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
     small = np.random.default_rng(11).uniform(-0.05, 0.05, p.shape) * ~state.fixed[..., None]
     arrays = noted(iter(found)) | {"kept": kept, "first": one_number(thrust), "plans": plans, "plan": plan}
     arrays |= {"recoverable": run.recoverable(state), "admissible": run.admissible(state, small)}
+    arrays["sum of tracks"] = kept_tracks
     check(f"team, {name}", arrays if tracks is None else arrays | {"tracks": one_number(tracks)})
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,8 @@ from safe_inspect.rta.filters.backup.arcs import arc_cell
 from safe_inspect.rta.filters.backup.closed_motion import _cell, _node
 from safe_inspect.rta.filters.backup.half_spaces import further_uncertain
 from safe_inspect.rta.filters.backup.sequences import uncertain, uncertain_closed
+
+from ..golden.records import check_record
 
 PARAMETERS = ConstraintParameters()
 N, MASS = float(PARAMETERS.n), float(PARAMETERS.m)
@@ -40,6 +44,36 @@ def _closed_uncertain(numbers, n, x, sun, first, last):
     a = _node(n, x, sun, np.cos(first), np.sin(first))
     b = _node(n, x, sun, np.cos(last), np.sin(last))
     return uncertain_closed(numbers, _cell(n, a, b, x[1] - 2.0 * u, rho, last - first), NONE)
+
+
+@njit
+def _arc_margin(numbers, n, a, sun_a, b, sun_b, w, span, unit):
+    """Return the largest multiple of the margins `unit` with which a cell is certified; minus infinity: none is."""
+    cell, low, high = arc_cell(n, node(a, sun_a), node(b, sun_b), w, span), -1000.0, 1000.0
+    for step in range(60):
+        middle = low if step == 0 else 0.5 * (low + high)
+        refused = uncertain(numbers, cell, Margins(middle * unit[0], middle * unit[1], middle * unit[2])) >= 0
+        if step == 0 and refused:
+            return -np.inf
+        low, high = (low, middle) if refused else (middle, high)
+    return low
+
+
+@njit
+def _closed_margin(numbers, n, x, sun, first, last, unit):
+    """Return the same for a cell of a closed motion."""
+    u, w = x[3] / n, x[5] / n
+    rho = np.sqrt(4.0 * (x[0] * x[0] + u * u) + x[2] * x[2] + w * w)
+    a = _node(n, x, sun, np.cos(first), np.sin(first))
+    b = _node(n, x, sun, np.cos(last), np.sin(last))
+    cell, low, high = _cell(n, a, b, x[1] - 2.0 * u, rho, last - first), -1000.0, 1000.0
+    for step in range(60):
+        middle = low if step == 0 else 0.5 * (low + high)
+        refused = uncertain_closed(numbers, cell, Margins(middle * unit[0], middle * unit[1], middle * unit[2])) >= 0
+        if step == 0 and refused:
+            return -np.inf
+        low, high = (low, middle) if refused else (middle, high)
+    return low
 
 
 @njit
@@ -151,6 +185,30 @@ def test_a_certified_cell_of_a_closed_motion_is_safe_within_and_a_short_one_is_c
         )
         refused += check(name, certified, phi, angle < 1e-2)
     assert refused > 10
+
+
+@pytest.mark.parametrize("code", ARCS, ids=[NAMES[code] for code in ARCS])
+def test_the_margin_that_a_cell_certifies(code):
+    """Against a record, because the samples allow other bounds: of long cells, in which the bounds are a large part."""
+    name = NAMES[code]
+    constraints = constraint_set(PARAMETERS, [name])
+    numbers = tuple(constraint.row_numbers(N, constraints) for constraint in CERTIFIED)
+    unit = (0.0, 1.0, 0.0) if name.endswith("vel") else (1.0, 0.0, 0.0)
+    state, generator = drawn(name, 20 + code)
+    control = generator.uniform(-1.0, 1.0, (CELLS, 3)) * generator.choice([0.0, 0.02, 1.0], (CELLS, 1))
+    found = {}
+    for span in (10.0, 60.0, 300.0):
+        last = flown(state, control, span)
+        found[f"arc of {span} s"] = [
+            _arc_margin(numbers, N, *row(state, i), *row(last, i), tuple((control[i] / MASS).tolist()), span, unit)
+            for i in range(40)
+        ]
+    unit = (0.0, 0.0, 1.0) if name == "chief_collision" else unit
+    for first, angle in ((0.0, 0.1), (2.0, 2.0 * np.pi / 16), (4.0, 1.0)) if code in CLOSED else ():
+        found[f"closed motion from {first}"] = [
+            _closed_margin(numbers, N, *row(state, i), first, first + angle, unit) for i in range(40)
+        ]
+    check_record(Path(__file__).with_name("certificates.json"), f"cells: {name}", found)
 
 
 @pytest.mark.parametrize("lead", [(0.0, 0.0, 0.0), (20.0, -30.0, 10.0)], ids=["position", "velocity"])
