@@ -415,10 +415,13 @@ def test_an_intervention_belongs_to_the_method_backup():
 )  # fmt: skip
 def test_wrong_parameters_are_reported_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
-    agent = (copied / "agent-seed.yml").read_text()
-    first = "        config:\n          training_export" if "colision" in wrong else "          r_max: "
-    number = agent[: agent.index(first)].count("\n") + 1
-    place = f"configs/translational-inspection/agent-seed.yml:{number} "
+    # The mapping of the glue, or the newest of the values that the message names.
+    file, first = (
+        ("agent-seed", "config:\n          training_export") if "colision" in wrong else ("parameters", "max_d")
+    )
+    whole = (copied / f"{file}.yml").read_text()
+    number = whole[: whole.index(first)].count("\n") + 1
+    place = f"configs/translational-inspection/{file}.yml:{number} agent_config[0].config.config.glues[0].config"
     shown = [line for line in text.splitlines() if line.startswith(place)]
     assert len(shown) == 1, text
     assert "environment.yml:" in text
@@ -438,7 +441,7 @@ def test_a_constraint_that_the_backup_cannot_keep_is_refused_at_once(copied, met
         spec = load_experiment("configs/translational-inspection/experiment-seed.yml").spec
         assert "OwnConstraint" in spec.agents[0].action_glues[0].constraints
         return
-    with pytest.raises(ConfigError, match=r"agent-seed\.yml:\d+ .*backup filter cannot enforce 'OwnConstraint'"):
+    with pytest.raises(ConfigError, match=r"parameters\.yml:\d+ .*backup filter cannot enforce 'OwnConstraint'"):
         load_experiment("configs/translational-inspection/experiment-seed.yml")
 
 
