@@ -31,7 +31,7 @@ from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
-from safe_inspect.tasks.inspection.sun import sun_directions
+from safe_inspect.tasks.inspection.sun import light_directions
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -131,7 +131,7 @@ def coverage_problem(
     turns = np.full(steps + 1, world.sun_rate * world.step_size)
     turns[0] = state.sun_angle[row]
     angle = np.add.accumulate(turns)  # summed exactly as the simulator does
-    lit = lit_from_all_sides(model, sun_directions(angle))
+    lit = lit_from_all_sides(model, light_directions(angle, world))
     needed = np.flatnonzero(state.points[task.entity].inspector[row] < 0)
     normals = model.points[needed] / model.radius
     begin = np.concatenate((state.position[row, 0], state.velocity[row, 0]))

@@ -1,5 +1,5 @@
 // The scene of an episode: deputies with their trajectories and burns, the chief and the sun, or the docking region.
-const { position, sun, points, radius, rings, deputies, orientation, cone } = episode;
+const { position, sun, sunlight, points, radius, rings, deputies, orientation, cone } = episode;
 const BODY = [[[1, 0, 0], "#D55E00"], [[0, 1, 0], "#0072B2"], [[0, 0, 1], "#009E73"]];
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 
@@ -27,6 +27,7 @@ function stateAt(t) {
     row,
     places: position.map((way) => mixed(way[row], way[next], u)),
     light: sun && [Math.cos(angle), -Math.sin(angle), 0],
+    eclipse: Boolean(sunlight) && sunlight[row] < 0.5,
     attitudes: orientation && orientation.map((rows) => attitudeAt(rows, row, next, u)),
     dots: episode.chief ? points.map((p) => turned(attitudeAt(episode.chief, row, next, u), p)) : points,
     count: episode.inspected_at.filter((when) => when !== null && when <= t).length,
@@ -34,7 +35,7 @@ function stateAt(t) {
 }
 
 /** Draw the chief with its day side and the points on the viewer's side; r is in pixels. */
-function drawChief(pen, x, y, r, view, { light, dots }, t) {
+function drawChief(pen, x, y, r, view, { light, eclipse, dots }, t) {
   if (!points.length || !light) {
     if (episode.docking_radius) disc(pen, x, y, r, null, INK);
     for (const [dx, dy] of [[5, 0], [0, 5]]) polyline(pen, [[x - dx, y - dy], [x + dx, y + dy]], INK, 1);
@@ -48,7 +49,7 @@ function drawChief(pen, x, y, r, view, { light, dots }, t) {
   pen.beginPath();
   pen.arc(0, 0, r, -Math.PI / 2, Math.PI / 2);
   pen.ellipse(0, 0, Math.abs(d) * r, r, 0, Math.PI / 2, -Math.PI / 2, d < 0);
-  pen.fillStyle = DAY;
+  pen.fillStyle = eclipse ? NIGHT : DAY;
   pen.fill();
   pen.restore();
   disc(pen, x, y, r, null, GREY);
@@ -59,7 +60,7 @@ function drawChief(pen, x, y, r, view, { light, dots }, t) {
     const px = x + dot3(point, view.right) / radius * r, py = y - dot3(point, view.up) / radius * r;
     const when = episode.inspected_at[i];
     if (when !== null && when <= t) disc(pen, px, py, size, deputies[episode.inspector[i]].colour);
-    else if (dot3(point, light) > 0) disc(pen, px, py, size, "#fff", "#222", Math.max(0.6, size / 4));
+    else if (!eclipse && dot3(point, light) > 0) disc(pen, px, py, size, "#fff", "#222", Math.max(0.6, size / 4));
     else disc(pen, px, py, 0.7 * size, DARK);
   });
 }
@@ -98,7 +99,7 @@ function drawScene(t) {
     pen.fillStyle = GREY;
     pen.fillText(name, x, y);
   });
-  if (state.light) drawSun(pen, flat, state.light, outer);
+  if (state.light && !state.eclipse) drawSun(pen, flat, state.light, outer);
 
   const ways = position.map((way, index) => {
     const gone = [...way.slice(0, state.row + 1), state.places[index]];

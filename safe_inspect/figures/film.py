@@ -146,6 +146,7 @@ class Film(Pictures):
             self._sun.set_data(*front.flat(sun_arrow(now.sun, outer)).T)
             self._sun_label.set_position(front.flat(1.13 * outer * now.sun).tolist())
             self._day.set_xy(front.day(now.sun, radius))
+            self._day.set_visible(not now.eclipse)
         for index, (line_behind, line_front, dot) in enumerate(self._ways):
             way = np.concatenate((episode.position[: now.row + 1, index], now.position[None, index]))
             hidden = front.hidden(way, radius)

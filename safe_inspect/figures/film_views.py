@@ -29,6 +29,7 @@ class Moment:
         lit: Mask of the points on the sun's side, shape (P,); all False without a sun.
         points: Position of the points about the chief's centre [m], shape (P, 3).
         row: Index of the last recorded state that is not later.
+        eclipse: Whether the Earth hides the sun.
     """
 
     time: float
@@ -39,6 +40,7 @@ class Moment:
     lit: BoolArray
     points: FloatArray
     row: int
+    eclipse: bool
 
 
 def moment(episode: Trajectory, time: float) -> Moment:
@@ -59,7 +61,9 @@ def moment(episode: Trajectory, time: float) -> Moment:
         sun = sun_directions((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
         lit = points @ sun > 0.0
     last = row + 1 if u >= 1.0 else row
-    return Moment(time, position, episode.delta_v[last], sun, episode.inspected_at <= time, lit, points, last)
+    eclipse = "sunlight" in episode.arrays and bool(episode.sunlight[last] < 0.5)
+    seen = episode.inspected_at <= time
+    return Moment(time, position, episode.delta_v[last], sun, seen, lit & (not eclipse), points, last, eclipse)
 
 
 _NEAREST = 0.1  # smallest range that is drawn [m]
@@ -114,6 +118,7 @@ class ChiefView:
         for camera, (day, waiting, lit, owners) in zip((front, Camera.along(-front.sight)), self._sides, strict=True):
             if now.sun is not None:
                 day.set_xy(camera.day(now.sun, self._radius))
+                day.set_visible(not now.eclipse)
             flat, near = camera.flat(now.points), now.points @ camera.sight > 0.0
             waiting.set_data(*flat[near & ~now.seen & ~now.lit].T)
             lit.set_data(*flat[near & ~now.seen & now.lit].T)

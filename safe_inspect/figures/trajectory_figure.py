@@ -20,7 +20,18 @@ from safe_inspect.figures.drawing import (
     time_norm,
 )
 from safe_inspect.figures.scene import draw_scene
-from safe_inspect.geometry.picture import BLACK, BLUE, DEPUTY_COLOURS, FRONT, GREEN, GREY, VERMILION, Camera, circle
+from safe_inspect.geometry.picture import (
+    BLACK,
+    BLUE,
+    DEPUTY_COLOURS,
+    FRONT,
+    GREEN,
+    GREY,
+    PALE,
+    VERMILION,
+    Camera,
+    circle,
+)
 from safe_inspect.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -162,6 +173,7 @@ def _draw_times(figure: Figure, episode: Trajectory) -> None:
         axes.set(ylim=(-reach, reach), ylabel=f"{'xyz'[axis]}")
         axes.locator_params(axis="y", nbins=3)
     figure.text(_LEFT - 0.083, 0.235, "thrust [N]", rotation=90, va="center", ha="center", color=BLACK)
+    _shade_eclipses(panels, episode, time)
     for axes in panels:
         axes.set_xlim(-0.015 * time[-1], time[-1])  # keeps a burn at the start apart from the axis
         axes.tick_params(labelbottom=axes is panels[-1])
@@ -170,6 +182,21 @@ def _draw_times(figure: Figure, episode: Trajectory) -> None:
     if episode.mean_motion:
         label += f", an orbit is {2.0 * np.pi / episode.mean_motion / scale:.3g} {unit}"
     panels[-1].set_xlabel(label)
+
+
+def _shade_eclipses(panels: list[Any], episode: Trajectory, time: FloatArray) -> None:
+    """Shade the times in which the Earth hides more than half of the sun."""
+    if "sunlight" not in episode.arrays:
+        return
+    for axes in panels:
+        bottom, top = axes.get_ylim()
+        axes.fill_between(
+            time, bottom, top, where=episode.sunlight < 0.5, step="post", color=PALE, linewidth=0, zorder=0,
+            label="eclipse" if axes is panels[1] else None,
+        )  # fmt: skip
+        axes.set_ylim(bottom, top)
+    if (episode.sunlight < 0.5).any():
+        panels[1].legend(loc="lower right", bbox_to_anchor=(1.01, 0.96), handlelength=1.2, borderpad=0.0)
 
 
 def _draw_coverage(axes: Any, episode: Trajectory, time: FloatArray) -> None:

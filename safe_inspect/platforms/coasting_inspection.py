@@ -53,11 +53,11 @@ def _left_after_coasting(
         table: For each predicted position: control steps, angle of the orbit and its cosine and sine, cosine and sine
             of the angle by which the sun has turned, and whether a share is written after it, shape (K, 7).
         axes: The points [m], shape (3, P).
-        constants: Radius squared and the light threshold, see `inspect_in_binary_light`, mean motion [rad/s], and
-            control steps of an episode, shape (4,).
+        constants: Radius squared and the light threshold, see `inspect_in_binary_light`, mean motion [rad/s], control
+            steps of an episode, and the edge of the Earth's shadow, see `Shadow`, shape (5,).
         reading: Output: the result, shape (7,).
     """
-    horizon, terminator, n, last = constants
+    horizon, terminator, n, last, edge = constants
     state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
     found, total, noted = inspector.copy(), len(inspector), 0
     cos_sun, sin_sun = math.cos(sun_angle), math.sin(sun_angle)
@@ -66,7 +66,8 @@ def _left_after_coasting(
         if step + steps <= last:
             viewer = coasting_position(n, state, angle, cos, sin)
             sun = cos_sun * cos_turn - sin_sun * sin_turn, -(sin_sun * cos_turn + cos_sun * sin_turn), 0.0
-            inspect_in_binary_light(viewer, sun, axes, horizon, terminator, 0, found)
+            if sun[0] >= edge:
+                inspect_in_binary_light(viewer, sun, axes, horizon, terminator, 0, found)
         if notes:
             left = 0
             for p in range(total):
@@ -92,8 +93,8 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
     this deputy while coasting, after an eighth, a quarter, a half and the whole of `duration`, or at the horizon of the
     episode if that is earlier. The last three are the mean (x, y, z) of the unit vectors, Hill frame, of the points
     that remain at the end, zeros if there are none. The trajectory is the closed-form solution of the
-    Clohessy-Wiltshire equations, evaluated at intervals of at most 0.05 rad of the orbit. Other deputies, collisions,
-    the range limit and the camera's field of view are ignored.
+    Clohessy-Wiltshire equations, evaluated at intervals of at most 0.05 rad of the orbit. An eclipse counts; other
+    deputies, collisions, the range limit and the camera's field of view do not.
 
     Attributes:
         inspection_entity_name: The body that carries the points, at the origin of Hill's frame.
@@ -129,7 +130,8 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
         name, model = self.inspection_entity_name, world.points[self.inspection_entity_name]
         light = model.surface.light
         self._require(turns=name == rotating_body(world), binary=light.binary)
-        radius = model.surface.radius
+        radius, shadow = model.surface.radius, world.offers.world.get("shadow")
+        edge = -math.inf if shadow is None else shadow.edge
         return RowTerm(
             _left_after_coasting,
             (
@@ -140,7 +142,7 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
                 EnvironmentArray("step"),
                 self._table(world),
                 point_axes(model.surface.points),
-                np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon]),
+                np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon, edge]),
             ),
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_vector
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 
 _TURN = 2.0 * math.pi
@@ -91,3 +93,28 @@ class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the direction to the sun [-]."""
         return RowTerm(copy_vector, (EnvironmentArray("sun_direction"),))
+
+
+class SunlightSensor(Sensor, name="Sensor_Sunlight"):
+    """Fraction of the sun's disc that the Earth does not hide [-], shape (R, 1); 0 in its shadow, 1 outside of it.
+
+    It requires a simulator with an eclipse (``illumination_params: {eclipse: True}``).
+    """
+
+    elements: ClassVar[tuple[str, ...]] = ("sunlight",)
+    symbol: ClassVar[str] = ""
+    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    def in_task(self, simulator: Simulator, horizon: int) -> Self:
+        """Return the sensor itself.
+
+        Raises:
+            ValueError: The simulator has no eclipse.
+        """
+        if not any(isinstance(component, Sun) and component.eclipse for component in simulator.compose()[1]):
+            raise ValueError(f"{self.registered_name} needs an eclipse; set `eclipse: True` in `illumination_params`")
+        return self
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the kernel that writes the fraction [-]."""
+        return RowTerm(copy_number, (EnvironmentArray("sunlight"),))

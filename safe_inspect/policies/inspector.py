@@ -33,7 +33,7 @@ from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import rotating_body
-from safe_inspect.tasks.inspection.sun import sun_directions
+from safe_inspect.tasks.inspection.sun import light_directions, sun_directions
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeSpeed, PositiveLength, quantity
 
@@ -166,11 +166,11 @@ class NaturalMotionInspector(ScriptedPolicy):
         model, body = points.model, points.model.body
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies
         steps = self.horizon - now
-        sun = sun_directions(view.sun_angle[row] + world.sun_rate * world.step_size * np.arange(steps + 1))
+        angle = view.sun_angle[row] + world.sun_rate * world.step_size * np.arange(steps + 1)
         problem = BurnProblem(
             maps=step_maps(world.mean_motion, world.step_size, self.horizon),
-            lit=lit_from_all_sides(model, sun),
-            sun=sun,
+            lit=lit_from_all_sides(model, light_directions(angle, world)),
+            sun=sun_directions(angle),
             points=model.points,
             radius=model.radius,
             sight=sight_range(model.radius, self.field_of_view),

@@ -81,8 +81,10 @@ def _build(cls: type[Plugin], report: Report) -> Plugin | None:
         problems = "; ".join(f"`{'.'.join(map(str, item['loc']))}`: {item['msg']}" for item in errors_of(error))
         remedy = "give every field a default that is valid, or check an object instead of the class"
         report.add("defaults", f"it does not build from its defaults ({problems})", remedy)
-    except TypeError as error:  # abstract
-        report.add("defaults", f"it does not build from its defaults ({error})", "define what is abstract")
+    except TypeError as error:
+        lacks = ", ".join(f"`{method}`" for method in sorted(cls.__abstractmethods__))
+        problem = f"it is abstract, without {lacks}" if lacks else str(error)
+        report.add("defaults", f"it does not build from its defaults ({problem})", "define what is abstract")
     return None
 
 

@@ -226,7 +226,7 @@ def test_what_an_export_writes_and_says(
 
 def test_a_plugin_is_listed_with_defaults_units_and_meaning() -> None:
     cls = registry.get("reward", "WinLoseDoneReward")
-    first, *fields = catalogue._block("WinLoseDoneReward", cls).splitlines()
+    first, *fields = catalogue._block("WinLoseDoneReward", cls, nested=True).splitlines()
     assert first.startswith("  WinLoseDoneReward  ")
     assert len(fields) == len(cls.model_fields)
     assert catalogue._default(SimpleNamespace(default_factory=None, default=PydanticUndefined)) == "required"

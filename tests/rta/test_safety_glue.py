@@ -416,9 +416,7 @@ def test_an_intervention_belongs_to_the_method_backup():
 def test_wrong_parameters_are_reported_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
     # The mapping of the glue, or the newest of the values that the message names.
-    file, first = (
-        ("agent-seed", "config:\n          training_export") if "colision" in wrong else ("parameters", "max_d")
-    )
+    file, first = ("agent-seed", "config:\n          training_ex") if "colision" in wrong else ("parameters", "max_d")
     whole = (copied / f"{file}.yml").read_text()
     number = whole[: whole.index(first)].count("\n") + 1
     place = f"configs/translational-inspection/{file}.yml:{number} agent_config[0].config.config.glues[0].config"

@@ -154,7 +154,8 @@ class Rendering:
         draw.polygon(outline(circle(radius, _CORNERS)), fill=NIGHT, outline=GREY)
         if "sun_direction" in state.arrays:
             sun = state["sun_direction"][row]
-            draw.polygon(outline(FRONT.day(sun, radius)), fill=DAY)
+            if "sunlight" not in state.arrays or state["sunlight"][row] >= 0.5:
+                draw.polygon(outline(FRONT.day(sun, radius)), fill=DAY)
             draw.line(flat(sun_arrow(sun, reach)), fill=ORANGE, width=3 * _FINE)
         if self._body is not None:
             seen = state.points[self._body].inspector[row] >= 0

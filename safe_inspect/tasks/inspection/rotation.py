@@ -19,6 +19,7 @@ from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.sun import LIGHT
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import AngularRate
 
@@ -116,12 +117,16 @@ def turned_direction_to_nearest(
 def array_in_axes_of(entity: str, world: World, name: str) -> str:
     """Return the name of the array of ``position``, ``sun_direction`` or ``orientation`` in the axes of a body.
 
+    With an eclipse, ``sun_direction`` means the direction of the light, see `Sun`.
+
     Args:
         entity: Name of the body; the axes of a body that does not rotate are Hill's.
         world: The constant data of the simulation.
         name: Name of the array in Hill's frame.
     """
-    return f"axes/{entity}/{name}" if entity == rotating_body(world) else name
+    if entity == rotating_body(world):
+        return f"axes/{entity}/{name}"
+    return LIGHT if name == "sun_direction" and "shadow" in world.offers.world else name
 
 
 def rotating_body(world: World) -> str | None:
@@ -205,4 +210,5 @@ class _RunningRotation(RunningComponent):
         arrays = state.arrays
         attitude = arrays.get("orientation", np.zeros((state.num_envs, 0, 4)))
         axes = BodyAxes(arrays[_ANGLE], arrays[_ORIENTATION], *(arrays[name] for name in self._names))
-        turn_body(turn, self._axis, self._body, state.position, arrays["sun_direction"], attitude, axes)
+        light = arrays.get(LIGHT, arrays["sun_direction"])
+        turn_body(turn, self._axis, self._body, state.position, light, attitude, axes)

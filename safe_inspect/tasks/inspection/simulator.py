@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
+from safe_inspect.geometry.shadow import earth_shadow
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
@@ -68,6 +69,8 @@ class InspectionSimulator(Simulator):
         for field in ("delta_v_scale_bounds", "inspected_points_update_bounds"):
             check_interval(field, *getattr(self, field))
         check_field_of_view(self.field_of_view)
+        if self.illumination_params is not None and self.illumination_params.eclipse:
+            earth_shadow(self.mean_motion, self.illumination_params.avg_rad_Earth2Sun)
         return self
 
     @property
@@ -92,7 +95,9 @@ class InspectionSimulator(Simulator):
         light, dynamics = self.illumination_params, self.dynamics or ClohessyWiltshire(mean_motion=self.mean_motion)
         spin = self.chief_angular_velocity
         return dynamics, (
-            Sun(rate=self.mean_motion if light is None else light.mean_motion),
+            Sun(rate=self.mean_motion)
+            if light is None
+            else Sun(rate=light.mean_motion, eclipse=light.eclipse, distance=light.avg_rad_Earth2Sun),
             *((ChiefRotation(angular_velocity=spin),) if any(spin) else ()),
             InspectionPoints(
                 inspection_points_map=self.inspection_points_map,
