@@ -201,7 +201,7 @@ def test_a_closed_output_loses_nothing(here):
 
 
 def test_a_removed_working_directory_is_one_line(here):
-    for command in ('-c "$1" list tasks', "-m safe_inspect.train_rl --dry-run x.yml"):
+    for command in ('-P -c "$1" list tasks', "-m safe_inspect.train_rl --dry-run x.yml"):
         done = shell(f'mkdir gone; cd gone; rmdir ../gone; "$0" {command}', here)
         shown = "error: the working directory has been removed; change to an existing one\n"
         assert (done.returncode, done.stderr) == (2, shown)
