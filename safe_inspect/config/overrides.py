@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from safe_inspect.config.keys.other_words import OTHER_WORDS, key_hint
@@ -24,7 +25,7 @@ from safe_inspect.config.known_places import (
 )
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import LocatedList, locate, rewritten, value_at, with_value
-from safe_inspect.config.loading.merge import items_named, names_of
+from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys, plugin_of
 from safe_inspect.errors import ConfigError, Location, Problem
@@ -72,6 +73,8 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         hint = "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
         raise ConfigError(Problem("not an override", location=location, hint=hint))
     parts = _with_platform(tree, parts)
+    if parts[-1].endswith(APPEND) and not removes:
+        return _appended(tree, parts, text, location)
     found = _existing(tree, parts)
     if len(parts) == 1:  # a reference is only the name of a key; the override is for its value
         found = [path for path in found if path[-2:-1] != ("references",)] or found
@@ -97,6 +100,21 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
     if found:
         raise ConfigError(_several(tree, parts, found, text, location))
     raise ConfigError(_unknown(tree, parts, location))
+
+
+def _appended(tree: Any, parts: list[str], text: str, location: Location) -> Any:
+    """Return the tree with more items at the end of a list."""
+    whole = [*parts[:-1], parts[-1].removesuffix(APPEND)]
+    lists = [path for path in _existing(tree, whole) if isinstance(value_at(tree, path), list)]
+    if not lists:
+        problem = _unknown(tree, whole, location)
+        raise ConfigError(replace(problem, hint=problem.hint.replace("=...", f"{APPEND}=...")))
+    if len(lists) > 1:
+        raise ConfigError(_several(tree, whole, lists, "", location))
+    path = lists[0]
+    holder = rewritten(value_at(tree, path[:-1]))
+    append(holder, path[-1], parse(text, location), location)
+    return with_value(tree, path[:-1], holder, None)
 
 
 def _accepting(tree: Any, parts: list[str]) -> list[Found]:

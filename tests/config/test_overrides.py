@@ -308,3 +308,20 @@ def test_a_short_path_reaches_the_config_of_a_plugin_without_one(override):
         if part.registered_name == "Sensor_Position"
     ]
     assert part.errors.noise == 0.5
+
+
+def test_a_plus_appends_to_the_list_of_a_path(tree):
+    before = copy.deepcopy(tree)
+    found = apply_overrides(tree, ["rewards+=[{functor: peer.Fuel}]"])
+    rewards = found["agent_config"]["blue0_ctrl"]["config"]["rewards"]
+    assert rewards == [*before["agent_config"]["blue0_ctrl"]["config"]["rewards"], {"functor": "peer.Fuel"}]
+    assert str(locate(found, ("agent_config", "blue0_ctrl", "config", "rewards", 2))).startswith("command line")
+    assert tree == before
+    for wrong, words in {
+        "rewadrs+=[1]": "there is no `rewadrs` in the configuration; did you mean `rewards`?",
+        "rewards+=1": "`rewards+` must be a list, not 1",
+        "blue0_ctrl.rewards+=[1]": "there is no `rewards` in `blue0_ctrl`; write `rewards+=...`",
+    }.items():
+        with pytest.raises(ConfigError) as caught:
+            apply_overrides(tree, [wrong])
+        assert words in str(caught.value)

@@ -55,7 +55,7 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
     marks = getattr(second, "marks", {})
     for key, value in second.items():
         if isinstance(key, str) and key.endswith(APPEND):
-            _append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
+            append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
             continue
         if isinstance(value, Removal):
             if key not in merged:
@@ -134,8 +134,12 @@ def _sources(item: Any) -> list[Mapping[Any, Any]]:
     return [source for source in (item, item.get("config")) if isinstance(source, Mapping)]
 
 
-def _append(merged: LocatedDict, key: str, items: Any, location: Location | None) -> None:
-    """Append a list to the one of a key."""
+def append(merged: LocatedDict, key: str, items: Any, location: Location | None) -> None:
+    """Append a list to the one of a key, in place.
+
+    Raises:
+        ConfigError: There is no such list, or what is appended is not a list.
+    """
     if key not in merged:
         raise ConfigError(
             Problem(f"there is no list `{key}` to append to", key + APPEND, location, did_you_mean(key, _lists(merged)))
