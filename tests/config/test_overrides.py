@@ -320,7 +320,7 @@ def test_a_plus_appends_to_the_list_of_a_path(tree):
     for wrong, words in {
         "rewadrs+=[1]": "there is no `rewadrs` in the configuration; did you mean `rewards`?",
         "rewards+=1": "`rewards+` must be a list, not 1",
-        "blue0_ctrl.rewards+=[1]": "there is no `rewards` in `blue0_ctrl`; write `rewards+=...`",
+        "blue0_ctrl.rewards+=[1]": "there is no `rewards` in `blue0_ctrl`",
     }.items():
         with pytest.raises(ConfigError) as caught:
             apply_overrides(tree, [wrong])
