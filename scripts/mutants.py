@@ -209,8 +209,9 @@ class Workspace:
 
 
 def link_machine_code(before: Path, after: Path, changed: set[str]) -> None:
-    """Keep the machine code of files that do not reach a changed module."""
+    """Keep the machine code of files that do not reach a changed module; kernels of tests are compiled again."""
     left_out = {tuple(name.split(".")[-2:]) for name in changed}
+    left_out |= {(path.parent.name, path.stem) for path in (ROOT / "tests").rglob("*.py")}
     for path in before.rglob("*.*"):
         folder, stem = path.parent.name.rpartition("_")[0], path.name.split(".")[0]
         if path.is_file() and (folder, stem) not in left_out:
