@@ -69,6 +69,7 @@ def test_the_team_is_seen_whole(world):
         expected = np.linalg.norm(places[:, i] - places[:, j], axis=-1)
         np.testing.assert_allclose(team.distance[:, pair], expected, rtol=1e-14)
     assert team.distance.shape == (ENVS, 6)
+    assert not any(getattr(team, name).flags.writeable for name in ("position", "velocity", "control", "distance"))
 
 
 def test_a_step_keeps_apart_what_was_asked_for_what_was_desired_and_what_was_held(world):
