@@ -36,6 +36,7 @@ from safe_inspect.platforms.neighbour_sensors import (
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
+from safe_inspect.platforms.state_sensors import SunlightSensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
@@ -46,6 +47,7 @@ from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.task_ids import TASKS
 from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
+from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
@@ -115,7 +117,7 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
     """Return the environment of the sample world: the shipped task with one or more deputies and further parts.
 
     It contains every shipped part under its default name, and every shipped component, so that plugins built from their
-    defaults find them.
+    defaults find them. There is an eclipse only for `SunlightSensor`, which needs one.
 
     Args:
         plugin: The plugin under test: a part is added to the deputies, a scripted policy commands them, a team's safety
@@ -142,6 +144,11 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
         named |= {part.part_name: part for part in wheels}
         glues = (*glues, *(ControllerGlue(controller=part.part_name) for part in wheels))
     components = spec.simulator.compose()[1]
+    if isinstance(plugin, SunlightSensor):
+        components = [
+            component.model_copy(update={"eclipse": True}) if isinstance(component, Sun) else component
+            for component in components
+        ]
     return replace(
         spec,
         simulator=ComposedSimulator(dynamics=dynamics, components=(*components, TumblingTarget(), SpeedLimitMonitor())),
