@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
@@ -180,12 +179,13 @@ def _of_step(env: TeamEnvironment, found: Any) -> Iterable[tuple[str, np.ndarray
 
 
 def arithmetic() -> str:
-    """Return a fingerprint of the processor's arithmetic: NumPy and BLAS choose their code by its features."""
+    """Return a fingerprint of the processor's arithmetic: NumPy and BLAS choose their code by its features.
+
+    It contains nothing that depends on the number of threads, such as exponentials of matrices.
+    """
     x = np.linspace(-3.0, 3.0, 4001)
     parts = (np.sin(x), np.cos(x), np.exp(x), np.arccos(x / 3.0), np.sqrt(x + 3.0), np.arctan2(x, 1.0), np.mod(x, 0.7))
     scalars = np.array([[math.sin(v), math.cos(v), math.acos(v / 3.0), math.hypot(v, 1.0)] for v in x.tolist()])
-    squares = [np.sin(np.arange(1.0, n * n + 1.0)).reshape(n, n) for n in (3, 6, 13)]
-    algebra = [
-        part for a in squares for part in (a @ a, a @ a[0], np.linalg.solve(a + 2.0 * np.eye(len(a)), a), expm(a))
-    ]
+    squares = [np.sin(np.arange(1.0, n * n + 1.0)).reshape(n, n) for n in (3, 6, 13, 64)]
+    algebra = [part for a in squares for part in (a @ a, a @ a[0], np.linalg.solve(a + 2.0 * np.eye(len(a)), a))]
     return hashlib.sha256(b"".join(part.tobytes() for part in (*parts, scalars, *algebra))).hexdigest()[:16]
