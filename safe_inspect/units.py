@@ -91,7 +91,8 @@ def factor(name: str, symbol: str) -> float:
     """
     found = unit(name)
     if found.symbol != symbol:
-        use = f"use {symbol!r}" if symbol else "write a number without a unit"
+        fitting = [name for name, (of, _, _) in _SPELLINGS.items() if of == symbol]
+        use = f"use {' or '.join(map(repr, fitting))}" if symbol else "write a number without a unit"
         raise UnitError(f"{name!r} is not a unit of {_describe(symbol)}; {use}")
     return found.factor
 
@@ -154,6 +155,7 @@ NonNegativeSpeed = quantity("m/s", ge=0)
 PositiveSpeed = quantity("m/s", gt=0)
 Angle = quantity("rad")
 NonNegativeAngle = quantity("rad", ge=0)
+RightAngle = quantity("rad", ge=-0.5 * math.pi, le=0.5 * math.pi)
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.types import ArraySpec
+from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import NonNegativeAngle, NonNegativeLength, NonNegativeSpeed
 
 _LARGEST_ANGLE = 0.5 * math.pi
@@ -99,16 +99,21 @@ class Dynamics(Plugin):
 
     Calling it with a step size returns the parameters of the row kernel:
 
-        rate = row(*parameters, *arrays, control, mass)
+        rate = row(*parameters, *shared, *arrays, control, mass)
 
     The kernel advances one body by one physics step in place and returns the velocity change that it spends per second
-    [m/s^2]. `arrays` are those of the body, each without its leading axes; `control` is the held control, shape
-    (`control_size`,), zeros for a body without thrusters; `mass` is in kg.
+    [m/s^2]. `shared` are the arrays of the environment, which it reads, and `arrays` those of the body, each without
+    its leading axes; `control` is the held control, shape (`control_size`,), zeros for a body without thrusters; `mass`
+    is in kg. After all bodies, ``shared_row(*parameters, *shared)`` advances the arrays of the environment.
 
     Class attributes:
         row: The row kernel.
         arrays: Arrays of one body by name, in the kernel's order, SI units. The first two are ``position`` [m] and
             ``velocity`` [m/s], shape (3,).
+        shared: Arrays of one environment by name, in the kernel's order, SI units, such as the chief's orbit or a wind.
+            Empty by default.
+        shared_row: Kernel that advances them by one physics step in place; None if they are constant.
+        parameters: SI unit by the name of each reset parameter that `reset_shared` uses if the configuration gives it.
         control_size: Number of elements of the control, C.
         control_unit: Their SI unit.
     """
@@ -116,6 +121,9 @@ class Dynamics(Plugin):
     kind: ClassVar[str] = "dynamics"
     row: ClassVar[Kernel[..., float]]
     arrays: ClassVar[Mapping[str, ArraySpec]] = {"position": ArraySpec((3,)), "velocity": ArraySpec((3,))}
+    shared: ClassVar[Mapping[str, ArraySpec]] = {}
+    shared_row: ClassVar[Kernel[..., None] | None] = None
+    parameters: ClassVar[Mapping[str, str]] = {}
     control_size: ClassVar[int] = 3
     control_unit: ClassVar[str] = "N"
 
@@ -141,6 +149,15 @@ class Dynamics(Plugin):
         """Return values of arrays by name, for bodies whose initialiser does not set them; zeros by default."""
         return {}
 
+    def reset_shared(self, values: Mapping[str, Any], rows: int) -> Mapping[str, FloatArray]:
+        """Return initial values of arrays of the environment by name, each of shape (R, ...); empty by default.
+
+        Args:
+            values: The reset parameters and states that were drawn, by name, each with R rows.
+            rows: Number of environments, R.
+        """
+        return {}
+
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
         """Return how far a step of the agents departs from the exact Clohessy-Wiltshire motion under the held thrust.
 
@@ -160,7 +177,8 @@ class Dynamics(Plugin):
 def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False) -> Kernel[..., None]:
     """Return the compiled loop that applies a vehicle's row kernel to environments, bodies and physics steps.
 
-        advance(*parameters, *arrays, [*traces,] control, masses, step_size, physics_steps, delta_v, time, step)
+        advance(*parameters, *shared, *arrays, [*traces,] control, masses, step_size, physics_steps, delta_v, time,
+                step)
 
     Args:
         dynamics: The dynamics.
@@ -170,10 +188,14 @@ def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False
     parameters = ", ".join(f"p{index}" for index in range(len(dynamics(step_size))))
     arrays = ", ".join(f"a{index}" for index in range(len(dynamics.arrays)))
     rows = ", ".join(f"a{index}[n, b]" for index in range(len(dynamics.arrays)))
-    first = f"{parameters}, " if parameters else ""
+    shared = ", ".join(f"s{index}" for index in range(len(dynamics.shared)))
+    given = ", ".join(f"s{index}[n]" for index in range(len(dynamics.shared)))
+    first = "".join(f"{names}, " for names in (parameters, shared) if names)
+    before = "".join(f"{names}, " for names in (parameters, given) if names)
     names = [f"a{index}" for index in range(len(dynamics.arrays))] if traced else []
     traces = "".join(f", of_{name}" for name in names)
     kept = "".join(f"\n                of_{name}[n, b, k] = {name}[n, b]" for name in names)
+    turn = "" if dynamics.shared_row is None else f"\n            shared_row({before})"
     source = f"""import numpy as np
 
 
@@ -182,13 +204,16 @@ def advance({first}{arrays}{traces}, control, masses, step_size, physics_steps, 
     for k in range(len(idle)):
         idle[k] = 0.0
     for n in range(a0.shape[0]):
-        for b in range(a0.shape[1]):
-            held, mass = (control[n, b], masses[b]) if b < deputies else (idle, 1.0)
-            for k in range(physics_steps):
-                rate = row({first}{rows}, held, mass){kept}
+        for k in range(physics_steps):
+            for b in range(a0.shape[1]):
+                held, mass = (control[n, b], masses[b]) if b < deputies else (idle, 1.0)
+                rate = row({before}{rows}, held, mass){kept}
                 if b < deputies:
-                    delta_v[n, b] += rate * step_size
+                    delta_v[n, b] += rate * step_size{turn}
         time[n] += step_size * physics_steps
         step[n] += 1
 """
-    return generate("advance", source, {"row": dynamics.row}, {"error_model": "numpy"})
+    return generate(
+        "advance", source, {"row": dynamics.row, "shared_row": dynamics.shared_row or dynamics.row},
+        {"error_model": "numpy"},
+    )  # fmt: skip

@@ -125,7 +125,7 @@ class Trajectory:
     def sun_direction(self) -> FloatArray | None:
         """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3); None in a task without a sun."""
         angle = self.arrays.get("sun_angle")
-        return None if angle is None else sun_directions(angle)
+        return None if angle is None else sun_directions(angle, self.arrays.get("beta_angle", 0.0))
 
 
 #: The figure that is added when a reference is given: delta-v minus that of the open-loop optimum.

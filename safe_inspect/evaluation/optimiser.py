@@ -31,7 +31,7 @@ from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
-from safe_inspect.tasks.inspection.sun import light_directions
+from safe_inspect.tasks.inspection.sun import predicted_sun
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -127,11 +127,15 @@ def coverage_problem(
         raise SafeInspectError(
             f"the open-loop optimiser only supports a body at rest at the origin; {model.entity!r} is not"
         )
+    if "orbit" in world.offers.world:
+        raise SafeInspectError(
+            "the open-loop optimiser only supports Clohessy-Wiltshire dynamics; remove the RelativeOrbit"
+        )
     maps = step_maps(world.mean_motion, world.step_size, steps)
     turns = np.full(steps + 1, world.sun_rate * world.step_size)
     turns[0] = state.sun_angle[row]
     angle = np.add.accumulate(turns)  # summed exactly as the simulator does
-    lit = lit_from_all_sides(model, light_directions(angle, world))
+    lit = lit_from_all_sides(model, predicted_sun(state, row, angle, world)[1])
     needed = np.flatnonzero(state.points[task.entity].inspector[row] < 0)
     normals = model.points[needed] / model.radius
     begin = np.concatenate((state.position[row, 0], state.velocity[row, 0]))

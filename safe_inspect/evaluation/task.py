@@ -31,6 +31,8 @@ from safe_inspect.plugins.functor import build, describe
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set
+from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.tasks.inspection.sun import leaves_plane
 
 #: Fields of a simulator that affect nothing but rewards.
 _PRICES = ("steps_until_update", "delta_v_scale_bounds", "delta_v_scale_step", "inspected_points_update_bounds")
@@ -92,6 +94,8 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     for filtering in filters:
         for metric in _constraints(filtering) if filtering is not None else ():
             found.setdefault(metric.label, metric)
+    if leaves_plane(*spec.simulator.compose()):
+        found = {name: one for name, one in found.items() if not isinstance(getattr(one, "constraint", 0), SunKeepOut)}
     several = len(spec.agents) > 1
     return metrics + [
         metric

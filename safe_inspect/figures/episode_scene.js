@@ -1,5 +1,5 @@
 // The scene of an episode: deputies with their trajectories and burns, the chief and the sun, or the docking region.
-const { position, sun, sunlight, points, radius, rings, deputies, orientation, cone } = episode;
+const { position, sun, beta, sunlight, points, radius, rings, deputies, orientation, cone } = episode;
 const BODY = [[[1, 0, 0], "#D55E00"], [[0, 1, 0], "#0072B2"], [[0, 0, 1], "#009E73"]];
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 
@@ -22,11 +22,11 @@ function attitudeAt(rows, row, next, u) {
 function stateAt(t) {
   const row = rowAt(t), next = Math.min(row + 1, last);
   const u = next > row ? (t - time[row]) / (time[next] - time[row]) : 0;
-  const angle = sun && sun[row] + u * (sun[next] - sun[row]);
+  const angle = sun && sun[row] + u * (sun[next] - sun[row]), tilt = beta ? beta[row] : 0;
   return {
     row,
     places: position.map((way) => mixed(way[row], way[next], u)),
-    light: sun && [Math.cos(angle), -Math.sin(angle), 0],
+    light: sun && [Math.cos(tilt) * Math.cos(angle), -Math.cos(tilt) * Math.sin(angle), Math.sin(tilt)],
     eclipse: Boolean(sunlight) && sunlight[row] < 0.5,
     attitudes: orientation && orientation.map((rows) => attitudeAt(rows, row, next, u)),
     dots: episode.chief ? points.map((p) => turned(attitudeAt(episode.chief, row, next, u), p)) : points,

@@ -58,7 +58,8 @@ def moment(episode: Trajectory, time: float) -> Moment:
         first, second = continuous(episode.chief_orientation[None, between], episode.chief_orientation[None, row])[0]
         points = rotate(normalise((1.0 - u) * first + u * second), points)
     if "sun_angle" in episode.arrays:
-        sun = sun_directions((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1])
+        beta = episode.beta_angle[row] if "beta_angle" in episode.arrays else 0.0
+        sun = sun_directions((1.0 - u) * episode.sun_angle[row] + u * episode.sun_angle[row + 1], beta)
         lit = points @ sun > 0.0
     last = row + 1 if u >= 1.0 else row
     eclipse = "sunlight" in episode.arrays and bool(episode.sunlight[last] < 0.5)

@@ -98,6 +98,7 @@ def _episode_data(episode: Trajectory) -> dict[str, Any]:
         "position": [rounded(episode.position[:, index], 3) for index in deputies],
         "delta_v": [rounded(episode.delta_v[:, index], 5) for index in deputies],
         "sun": rounded(episode.sun_angle, 5) if "sun_angle" in episode.arrays else None,
+        "beta": rounded(episode.beta_angle, 5) if "beta_angle" in episode.arrays else None,
         "sunlight": rounded(episode.sunlight, 2) if "sunlight" in episode.arrays else None,
         "points": rounded(episode.points, 3),
         "chief": rounded(episode.chief_orientation, 5) if "chief_orientation" in episode.arrays else None,

@@ -35,7 +35,7 @@ def _left_after_coasting(
     position: FloatArray,
     velocity: FloatArray,
     inspector: NDArray[np.int8],
-    sun_angle: float,
+    direction: FloatArray,
     step: int,
     table: FloatArray,
     axes: FloatArray,
@@ -48,7 +48,7 @@ def _left_after_coasting(
         position: Position relative to the body [m], shape (3,).
         velocity: Velocity [m/s], shape (3,).
         inspector: Deputy that inspected each point, -1 for none, shape (P,).
-        sun_angle: Angle of the sun [rad].
+        direction: Unit vector to the sun, Hill frame, shape (3,).
         step: Control steps since the reset.
         table: For each predicted position: control steps, angle of the orbit and its cosine and sine, cosine and sine
             of the angle by which the sun has turned, and whether a share is written after it, shape (K, 7).
@@ -60,12 +60,12 @@ def _left_after_coasting(
     horizon, terminator, n, last, edge = constants
     state = position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
     found, total, noted = inspector.copy(), len(inspector), 0
-    cos_sun, sin_sun = math.cos(sun_angle), math.sin(sun_angle)
+    x, y = direction[0], direction[1]
     for k in range(table.shape[0]):
         steps, angle, cos, sin, cos_turn, sin_turn, notes = table[k]
         if step + steps <= last:
             viewer = coasting_position(n, state, angle, cos, sin)
-            sun = cos_sun * cos_turn - sin_sun * sin_turn, -(sin_sun * cos_turn + cos_sun * sin_turn), 0.0
+            sun = x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn, direction[2]
             if sun[0] >= edge:
                 inspect_in_binary_light(viewer, sun, axes, horizon, terminator, 0, found)
         if notes:
@@ -138,7 +138,7 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
                 OwnArray("position"),
                 OwnArray("velocity"),
                 EnvironmentArray(f"points/{name}/inspector"),
-                EnvironmentArray("sun_angle"),
+                EnvironmentArray("sun_direction"),
                 EnvironmentArray("step"),
                 self._table(world),
                 point_axes(model.surface.points),

@@ -33,7 +33,7 @@ from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.rotation import rotating_body
-from safe_inspect.tasks.inspection.sun import light_directions, sun_directions
+from safe_inspect.tasks.inspection.sun import predicted_sun
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeSpeed, PositiveLength, quantity
 
@@ -118,7 +118,7 @@ class NaturalMotionInspector(ScriptedPolicy):
         # Computed here, as it compiles code, which a mere validation of a configuration must not do.
         world = view.world
         maps = step_maps(world.mean_motion, world.step_size, self.horizon)
-        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        mass = view.mass[:, None]
         strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)  # burns may have either sign
         remembered = {name: view.memory(SCRIPTED_POLICY, name) for name in self.memory(world)}
         plans = PlanRows(reach=strength * (world.step_size / mass), **remembered)
@@ -167,10 +167,11 @@ class NaturalMotionInspector(ScriptedPolicy):
         env, deputy, deputies = row // view.group.size, int(view.own_index[row]), world.num_deputies
         steps = self.horizon - now
         angle = view.sun_angle[row] + world.sun_rate * world.step_size * np.arange(steps + 1)
+        sun, light = predicted_sun(view.state, env, angle, world)
         problem = BurnProblem(
             maps=step_maps(world.mean_motion, world.step_size, self.horizon),
-            lit=lit_from_all_sides(model, light_directions(angle, world)),
-            sun=sun_directions(angle),
+            lit=lit_from_all_sides(model, light),
+            sun=sun,
             points=model.points,
             radius=model.radius,
             sight=sight_range(model.radius, self.field_of_view),

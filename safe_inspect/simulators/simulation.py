@@ -97,7 +97,8 @@ class Simulation:
             running for running in self.components.values() if type(running).actuate is not RunningComponent.actuate
         ]
         physics_step = step_size / decimation
-        self._of_body = tuple(dynamics.arrays)
+        self._of_body, self._shared = tuple(dynamics.arrays), tuple(dynamics.shared)
+        self._reset_shared = dynamics.reset_shared
         self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
         self._advance = advance_kernel(dynamics, physics_step, traced=dynamics.traced)
         self._parameters = dynamics(physics_step)
@@ -198,6 +199,8 @@ class Simulation:
                 given = states[name] if array in states[name] else self._initial
                 if array in given:
                     fresh[array][:, index] = given[array]
+        for array, initial in self._reset_shared(values, len(rows)).items():
+            fresh[array][:] = initial
         fresh.key[:] = streams.bits("step")[:, 0]
         for component in self.components.values():
             component.reset(fresh, values)
@@ -233,7 +236,11 @@ class Simulation:
     def _bind(self, state: State) -> tuple[Any, tuple[Any, ...]]:
         """Return the arguments of the kernel that advances a state, before and after the control."""
         found = state.bound["advance"] = (
-            (*self._parameters, *(state.arrays[name] for name in self._of_body), *self.trace.values()),
+            (
+                *self._parameters,
+                *(state.arrays[name] for name in (*self._shared, *self._of_body)),
+                *self.trace.values(),
+            ),
             (self.world.masses, *self._physics, state.delta_v, state.time, state.step),
         )
         return found
@@ -313,6 +320,7 @@ class Simulation:
     def _declare(self, dynamics: Dynamics) -> dict[str, ArraySpec]:
         world = self.world
         specs = base_specs(len(world.bodies), world.num_deputies, dynamics.control_size, dynamics.arrays)
+        specs |= dynamics.shared
         for component in self.components.values():
             specs |= component.arrays
         for group in self._groups:

@@ -176,10 +176,14 @@ def check_dynamics(plugin: Dynamics, parts: SampleParts, report: Report) -> None
     before = {name: arrays[name][:, 0].copy() for name in size}
     control = np.zeros((_BODIES, 1, plugin.control_size))
     control[..., :3] = rng.uniform(-_FLIGHT.thrust, _FLIGHT.thrust, (_BODIES, 1, 3))
+    shared: Mapping[str, FloatArray] = {}
+    with report.attempt("`reset_shared`", "return arrays of shape (R, ...)"):
+        shared = plugin.reset_shared({}, _BODIES)
     with report.attempt("the row kernel"):
         advance_kernel(plugin, dt)(
-            *plugin(dt), *arrays.values(), control, np.array([_FLIGHT.mass]), dt, 1,
-            np.zeros((_BODIES, 1)), np.zeros(_BODIES), np.zeros(_BODIES, np.int64),
+            *plugin(dt), *(shared[name].copy() for name in plugin.shared), *arrays.values(), control,
+            np.array([_FLIGHT.mass]), dt, 1, np.zeros((_BODIES, 1)),
+            np.zeros(_BODIES), np.zeros(_BODIES, np.int64),
         )  # fmt: skip
         after = {name: arrays[name][:, 0] for name in size} | {"control": control[:, 0]}
         _compare(before, after, plugin.offers()["mean_motion"], bounds, report)

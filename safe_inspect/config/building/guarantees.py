@@ -28,7 +28,7 @@ from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.parameters import ConstantParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.tasks.inspection.sun import Sun
+from safe_inspect.tasks.inspection.sun import Sun, leaves_plane
 from safe_inspect.types import FloatArray
 
 _AXES = "xyz"
@@ -124,8 +124,8 @@ def _check_filter(
     report: ReportProblem,
 ) -> None:
     environment, kept = config.environment, _kept(plugin)
-    components = environment.simulator.compose()[1]
-    orbit = environment.simulator.compose()[0].offers().get("mean_motion")
+    dynamics, components = environment.simulator.compose()
+    orbit = dynamics.offers().get("mean_motion")
     _check_motion(plugin, where, environment.simulator, worlds, report)
     for sun in components:
         if "sun" in kept and isinstance(sun, Sun) and orbit and not math.isclose(sun.rate, orbit, rel_tol=1e-9):
@@ -133,6 +133,9 @@ def _check_filter(
             text = f"the constraint `sun` needs a sun with one rotation per orbit, {once} rad/s, but this one has "
             report((*where, "constraints"), f"{text}{rate} rad/s; make them agree, or leave `sun` out")
     if "sun" in kept:
+        if leaves_plane(dynamics, components):
+            text = "the constraint `sun` needs a sun in the orbital plane of a circular orbit, but this one has a "
+            report((*where, "constraints"), f"{text}beta angle, or the orbit is not circular; leave `sun` out")
         if not any(isinstance(component, Sun) for component in components):
             text = "the constraint `sun` needs the component `Sun`; add it, or leave `sun` out"
             report((*where, "constraints"), text)

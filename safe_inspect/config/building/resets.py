@@ -28,8 +28,9 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
     """
     drawn = config.environment.simulator_reset_parameters
     parameters: dict[str, Parameter] = dict(drawn.__pydantic_extra__ or {})
-    components = config.environment.simulator.compose()[1]
+    dynamics, components = config.environment.simulator.compose()
     read = [component.parameters for component in components]
+    read += [{name: unit} for name, unit in dynamics.parameters.items()]
     _check_parameters(parameters, read, report)
     entities: dict[str, BodyReset] = {}
     environment: dict[str, EnvironmentDraw] = {}

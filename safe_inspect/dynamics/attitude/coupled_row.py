@@ -13,7 +13,13 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.attitude.rigid_body import RotationState, Vector, moved_rotation, rotation_rates
+from safe_inspect.dynamics.attitude.rigid_body import (
+    RotationState,
+    Vector,
+    moved_rotation,
+    moved_vector,
+    rotation_rates,
+)
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import FloatArray
 
@@ -96,11 +102,6 @@ def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
 
 
 @njit(error_model="numpy")
-def _sum3(x: Vector, rate: Vector, dt: float) -> Vector:
-    return x[0] + dt * rate[0], x[1] + dt * rate[1], x[2] + dt * rate[2]
-
-
-@njit(error_model="numpy")
 def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
     """Return the time derivatives of the whole state."""
     return turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
@@ -108,7 +109,7 @@ def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, he
 
 @njit(error_model="numpy")
 def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
-    return moved_rotation(x[0], rate[0], dt), _sum3(x[1], rate[1], dt), _sum3(x[2], rate[2], dt)
+    return moved_rotation(x[0], rate[0], dt), moved_vector(x[1], rate[1], dt), moved_vector(x[2], rate[2], dt)
 
 
 @njit(error_model="numpy")

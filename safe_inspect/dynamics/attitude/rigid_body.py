@@ -54,6 +54,12 @@ def moved_rotation(x: RotationState, rates: RotationState, dt: float) -> Rotatio
 
 
 @njit(error_model="numpy")
+def moved_vector(x: Vector, rates: Vector, dt: float) -> Vector:
+    """Return ``x + dt rates``."""
+    return x[0] + dt * rates[0], x[1] + dt * rates[1], x[2] + dt * rates[2]
+
+
+@njit(error_model="numpy")
 def rotation_row(inertia: Vector, x: RotationState, torque: Vector, dt: float) -> RotationState:
     """Return attitude and angular velocity after one step of the classical Runge-Kutta method; q is normalised.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
-from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate, PositiveLength
+from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate, PositiveLength, RightAngle
 
 
 class LightProperties(BaseModel):
@@ -46,6 +46,7 @@ class IlluminationParams(BaseModel):
         avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel on the chief, and the distance only determines
             the penumbra of an eclipse.
         eclipse: Whether the Earth hides the sun on a part of each orbit, in which no point is lit; see `Sun`.
+        beta_angle: Angle between the sun and the orbital plane [rad]; None: the sun is in the plane. See `Sun`.
         light_properties: Colour of the light.
         chief_properties: Colour of the chief's surface.
         bin_ray_flag: True: a point is lit if its ray to the sun is free, and dark otherwise. False: Blinn-Phong colour.
@@ -63,6 +64,7 @@ class IlluminationParams(BaseModel):
     mean_motion: PositiveAngularRate = 0.001027
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     eclipse: bool = False
+    beta_angle: RightAngle | None = None
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True

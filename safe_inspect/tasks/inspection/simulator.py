@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
-from safe_inspect.geometry.shadow import earth_shadow
+from safe_inspect.dynamics.shadow import earth_shadow
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
@@ -97,7 +97,12 @@ class InspectionSimulator(Simulator):
         return dynamics, (
             Sun(rate=self.mean_motion)
             if light is None
-            else Sun(rate=light.mean_motion, eclipse=light.eclipse, distance=light.avg_rad_Earth2Sun),
+            else Sun(
+                rate=light.mean_motion,
+                eclipse=light.eclipse,
+                distance=light.avg_rad_Earth2Sun,
+                beta_angle=light.beta_angle,
+            ),
             *((ChiefRotation(angular_velocity=spin),) if any(spin) else ()),
             InspectionPoints(
                 inspection_points_map=self.inspection_points_map,

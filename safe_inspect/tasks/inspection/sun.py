@@ -1,58 +1,126 @@
-"""Direction of the sun, and `Sun`, a component that moves it about the chief at a constant rate."""
+"""Direction of the sun in Hill's frame, and `Sun`, the component that moves it with the chief's orbit."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.geometry.shadow import Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
+from safe_inspect.dynamics.earth import EARTH_RADIUS
+from safe_inspect.dynamics.relative_orbit import ORBIT, RelativeOrbit
+from safe_inspect.dynamics.relative_orbit_row import from_hill, to_hill
+from safe_inspect.dynamics.shadow import Shadow, earth_shadow, sunlight_row
 from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import PositiveAngularRate, PositiveLength
+from safe_inspect.units import PositiveAngularRate, PositiveLength, RightAngle
 
 #: The array of the direction of the light, with `Sun.eclipse`.
 LIGHT = "light_direction"
+#: The array of the angle between the sun and the orbital plane [rad], for a sun that is not in this plane.
+BETA = "beta_angle"
+#: The array of the direction of the sun in inertial axes, on a `RelativeOrbit`.
+_INERTIAL = "sun_inertial"
+_NONE = np.zeros(0)
 
 
-def sun_directions(angle: FloatArray) -> FloatArray:
-    """Return the unit vectors to the sun, ``[cos, -sin, 0]`` of the angles [rad], Hill frame, shape (..., 3)."""
-    return np.stack((np.cos(angle), -np.sin(angle), np.zeros_like(angle)), axis=-1)
+def sun_directions(angle: FloatArray, beta: FloatArray | float = 0.0) -> FloatArray:
+    """Return the unit vectors to the sun, Hill frame, shape (..., 3).
+
+    Args:
+        angle: Angle a of the sun in the orbital plane, clockwise about +z from the radial direction [rad].
+        beta: Angle b between the sun and the plane, positive towards +z [rad].
+
+    Returns:
+        ``[cos b cos a, -cos b sin a, sin b]``.
+    """
+    across, up = np.cos(beta), np.sin(beta)
+    return np.stack((across * np.cos(angle), -across * np.sin(angle), np.zeros_like(angle) + up), axis=-1)
 
 
 @njit
 def sun_row(angle: float) -> tuple[float, float, float]:
-    """Return the unit vector to the sun for one angle [rad]; see `sun_directions`."""
+    """Return the unit vector to the sun for one angle [rad], with the sun in the orbital plane."""
     return math.cos(angle), -math.sin(angle), 0.0
 
 
-def light_directions(angle: FloatArray, world: World) -> FloatArray:
-    """Return the unit vectors to the sun, with NaN where the Earth hides it and nothing is lit, shape (..., 3)."""
-    found, shadow = sun_directions(angle), world.offers.world.get("shadow")
+def predicted_sun(state: State, row: int, angle: FloatArray, world: World) -> tuple[FloatArray, FloatArray]:
+    """Return the predicted directions of the sun and of the light, for a beta angle that does not change.
+
+    Args:
+        state: The state.
+        row: Index of the environment.
+        angle: Predicted angles of the sun, see `sun_directions` [rad], shape (T,).
+        world: The constant data of the simulation.
+
+    Returns:
+        The unit vectors to the sun, and the same with NaN where the Earth hides it and nothing is lit; each of shape
+        (T, 3), Hill frame.
+    """
+    beta = float(state[BETA][row]) if BETA in state.arrays else 0.0
+    sun, shadow = sun_directions(angle, beta), world.offers.world.get("shadow")
+    light = sun.copy()
     if shadow is not None:
-        found[found[..., 0] < shadow.edge] = np.nan
-    return found
+        light[light[:, 0] < shadow.edge] = np.nan
+    return sun, light
 
 
 @njit
-def turn_sun(turn: float, angle: FloatArray, direction: FloatArray) -> None:
-    """Add an angle to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3)."""
+def turn_sun(turn: float, angle: FloatArray, beta: FloatArray, direction: FloatArray) -> None:
+    """Add an angle to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3).
+
+    The beta angles [rad], shape (N,), do not change; an empty array: the sun is in the orbital plane.
+    """
     for n in range(angle.shape[0]):
         angle[n] += turn
-        direction[n, 0], direction[n, 1], direction[n, 2] = sun_row(angle[n])
+        x, y, z = sun_row(angle[n])
+        if len(beta):
+            x, y, z = math.cos(beta[n]) * x, math.cos(beta[n]) * y, math.sin(beta[n])
+        direction[n, 0], direction[n, 1], direction[n, 2] = x, y, z
 
 
 @njit
-def shade(shadow: Shadow, direction: FloatArray, sunlight: FloatArray, light: FloatArray) -> None:
-    """Write the visible fraction of the sun, shape (N,), and the direction of the light, shape (N, 3); see `Sun`."""
+def sun_of_orbit(
+    orbit: FloatArray, inertial: FloatArray, angle: FloatArray, beta: FloatArray, direction: FloatArray
+) -> None:
+    """Write the sun's angle, which continues without a jump, its beta angle and its direction in Hill's frame.
+
+    Args:
+        orbit: The chief's orbit, see `RelativeOrbit`, shape (N, 6).
+        inertial: Direction of the sun in inertial axes, shape (N, 3).
+        angle: Output: angle of the sun [rad], shape (N,); on input, the last one.
+        beta: Output: beta angle [rad], shape (N,).
+        direction: Output: direction of the sun, Hill frame, shape (N, 3).
+    """
+    for n in range(angle.shape[0]):
+        x, y, z = to_hill(orbit[n], (inertial[n, 0], inertial[n, 1], inertial[n, 2]))
+        direction[n, 0], direction[n, 1], direction[n, 2] = x, y, z
+        turned = math.atan2(-y, x) - angle[n]
+        angle[n] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+        beta[n] = math.asin(max(min(z, 1.0), -1.0))
+
+
+@njit
+def shade(shadow: Shadow, distance: FloatArray, direction: FloatArray, sunlight: FloatArray, light: FloatArray) -> None:
+    """Write the visible fraction of the sun, shape (N,), and the direction of the light, shape (N, 3); see `Sun`.
+
+    Args:
+        shadow: The shadow on a circular orbit.
+        distance: Distance of the chief from the Earth's centre [m], shape (N,); empty on a circular orbit.
+        direction: Direction of the sun, Hill frame, shape (N, 3).
+        sunlight: Output: the fraction.
+        light: Output: the direction.
+    """
     for n in range(sunlight.shape[0]):
+        if len(distance):
+            earth = math.asin(min(EARTH_RADIUS / distance[n], 1.0))
+            shadow = Shadow(-math.cos(earth), earth, shadow.sun)
         sunlight[n] = sunlight_row(direction[n, 0], shadow)
         for axis in range(3):
             light[n, axis] = direction[n, axis] if direction[n, 0] >= shadow.edge else math.nan
@@ -64,15 +132,20 @@ class Sun(Component):
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
     sun, shape (N, 3). A reset takes the angle from the sampled state ``sun_angle``, or 0 if there is none.
 
+    With `beta_angle`, the sun is not in the orbital plane, and there is the array ``beta_angle`` [rad], shape (N,). On
+    a `RelativeOrbit`, the direction of the sun is constant in inertial axes for an episode, and angle, beta angle and
+    direction in Hill's frame follow from the motion of the frame.
+
     With `eclipse`, there are two more arrays: ``sunlight``, the fraction of the sun's disc that the Earth does not hide
     [-], shape (N,), see `sunlight_row`, and ``light_direction``, which is ``sun_direction`` while the centre of the
-    disc is visible and NaN otherwise, so that no point is lit, shape (N, 3). The sun is in the orbital plane and the
-    orbit is the circular one with the mean motion of the dynamics.
+    disc is visible and NaN otherwise, so that no point is lit, shape (N, 3).
 
     Attributes:
-        rate: Rate of the angle [rad/s].
+        rate: Rate of the angle [rad/s], except on a `RelativeOrbit`.
         eclipse: Whether the Earth hides the sun.
         distance: Distance of the sun [m]; it determines the apparent size of the disc.
+        beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
+            parameter ``beta_angle`` replaces; None: the sun is in the plane.
     """
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
@@ -80,6 +153,12 @@ class Sun(Component):
     rate: PositiveAngularRate = 0.001027
     eclipse: bool = False
     distance: PositiveLength = 150e9
+    beta_angle: RightAngle | None = None
+
+    @property
+    def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
+        """The reset parameter ``beta_angle``, if the sun is not in the orbital plane."""
+        return {} if self.beta_angle is None else {BETA: "rad"}
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
         """Return zero bounds: the sun does not affect the motion of deputies."""
@@ -92,34 +171,58 @@ class Sun(Component):
             ValueError: With `eclipse`, the orbit is not outside of the Earth.
         """
         shadow = earth_shadow(world.mean_motion, self.distance) if self.eclipse else None
-        return _RunningSun(self.rate, world.step_size, shadow)
+        return _RunningSun(self, world, shadow)
+
+
+def leaves_plane(dynamics: Dynamics, components: Iterable[Component]) -> bool:
+    """Return whether the sun leaves the orbital plane, or its angle does not grow at a constant rate."""
+    tilted = any(isinstance(component, Sun) and component.beta_angle is not None for component in components)
+    return tilted or (isinstance(dynamics, RelativeOrbit) and not dynamics.uniform)
 
 
 class _RunningSun(RunningComponent):
-    def __init__(self, rate: float, step_size: float, shadow: Shadow | None) -> None:
-        self._rate, self._turn, self._shadow = rate, rate * step_size, shadow
+    def __init__(self, sun: Sun, world: World, shadow: Shadow | None) -> None:
+        self._rate, self._turn, self._shadow = sun.rate, sun.rate * world.step_size, shadow
+        self._beta, self._of_orbit = sun.beta_angle, "orbit" in world.offers.world
         self.arrays = {"sun_angle": ArraySpec(()), "sun_direction": ArraySpec((3,))}
-        self.recorded = ("sun_angle",)
+        if self._of_orbit:
+            self.arrays |= {BETA: ArraySpec(()), _INERTIAL: ArraySpec((3,))}
+        elif self._beta is not None:
+            self.arrays |= {BETA: ArraySpec(())}
         if shadow is not None:
             self.arrays |= {"sunlight": ArraySpec(()), LIGHT: ArraySpec((3,))}
-            self.recorded = ("sun_angle", "sunlight")
+        self.recorded = tuple(name for name in ("sun_angle", BETA, "sunlight") if name in self.arrays)
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         state["sun_angle"][:] = values.get("sun_angle", 0.0)
-        turn_sun(0.0, state["sun_angle"], state["sun_direction"])
+        if self._beta is not None:
+            state[BETA][:] = values.get(BETA, self._beta)
+        turn_sun(0.0, state["sun_angle"], self._beta_of(state), state["sun_direction"])
+        if self._of_orbit:
+            from_hill(state[ORBIT], state["sun_direction"], state[_INERTIAL])
         self._shade(state)
 
     def step(self, state: State, running: BoolArray) -> None:
         bound = state.bound.get("sun")
         if bound is None:
-            arguments = self._turn, state["sun_angle"], state["sun_direction"]
-            bound = state.bound["sun"] = turn_sun.dispatcher, arguments
+            bound = state.bound["sun"] = self._bind(state)
         bound[0](*bound[1])
         self._shade(state)
 
+    def _bind(self, state: State) -> tuple[Callable[..., None], tuple[Any, ...]]:
+        """Return the kernel that turns the sun in a step, and its arguments."""
+        outputs = state["sun_angle"], self._beta_of(state), state["sun_direction"]
+        if self._of_orbit:
+            return sun_of_orbit.dispatcher, (state[ORBIT], state[_INERTIAL], *outputs)
+        return turn_sun.dispatcher, (self._turn, *outputs)
+
+    def _beta_of(self, state: State) -> FloatArray:
+        return state[BETA] if BETA in self.arrays else _NONE
+
     def _shade(self, state: State) -> None:
         if self._shadow is not None:
-            shade(self._shadow, state["sun_direction"], state["sunlight"], state[LIGHT])
+            distance = np.ascontiguousarray(state[ORBIT][:, 0]) if self._of_orbit else _NONE
+            shade(self._shadow, distance, state["sun_direction"], state["sunlight"], state[LIGHT])
 
     def of_world(self) -> Mapping[str, Any]:
         return {"sun_rate": self._rate} | ({} if self._shadow is None else {"shadow": self._shadow})

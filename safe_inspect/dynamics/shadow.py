@@ -6,10 +6,9 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.earth import EARTH_GRAVITY, EARTH_RADIUS, semi_major_axis
 
-#: Gravitational parameter of the Earth [m^3/s^2], and the equatorial radii of the Earth and of the sun [m].
-EARTH_GRAVITY = 3.986004418e14
-EARTH_RADIUS = 6_378_136.3
+#: Radius of the sun [m].
 SUN_RADIUS = 695_700_000.0
 
 
@@ -40,7 +39,7 @@ def earth_shadow(mean_motion: float, sun_distance: float) -> Shadow:
     """
     if not sun_distance > SUN_RADIUS:
         raise ValueError(f"the sun's distance must be more than its radius, {SUN_RADIUS:g} m, not {sun_distance:g} m")
-    orbit = (EARTH_GRAVITY / mean_motion**2) ** (1.0 / 3.0)
+    orbit = semi_major_axis(mean_motion)
     if orbit <= EARTH_RADIUS:
         fastest = math.sqrt(EARTH_GRAVITY / EARTH_RADIUS**3)
         raise ValueError(

@@ -1,0 +1,157 @@
+"""`RelativeOrbit`: a point mass near a chief on an elliptic orbit about the oblate Earth, with thrust."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from safe_inspect.compiling import Kernel
+from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits
+from safe_inspect.dynamics.earth import EARTH_GRAVITY, EARTH_J2, EARTH_RADIUS, semi_major_axis
+from safe_inspect.dynamics.relative_orbit_row import OrbitSteps, orbit_row, relative_orbit_row
+from safe_inspect.errors import InitialStateError
+from safe_inspect.types import ArraySpec, FloatArray
+from safe_inspect.units import Angle, PositiveAngularRate
+
+#: Array of the chief's orbit: r [m], r' [m/s], h [m^2/s], i, u and the node [rad], see `relative_orbit_row`.
+ORBIT = "chief_orbit"
+#: Largest angle by which the chief moves in an integration step at its perigee [rad].
+_LARGEST_TURN = 0.02
+#: Bound of the relative changes of r, h and the speed by the oblateness within an orbit, in units of J2 (R / r)^2. The
+#: largest in 6,000 random orbits is 4.01, of r (`tests/dynamics`).
+_OSCILLATION = 4.5
+
+
+class RelativeOrbit(Dynamics):
+    """Motion relative to a chief on an elliptic orbit about the Earth, not linearised, under held thrust.
+
+    The origin of Hill's frame is the chief, x is radially outwards, z along the orbit's angular momentum; the frame
+    turns at the rate of the orbit, which is not constant. Thrust is along Hill's axes. The equations are integrated by
+    the classical Runge-Kutta method, see `relative_orbit_row`.
+
+    The orbit at the reset has the semi-major axis of the mean motion. Its other elements are reset parameters, or else
+    those of the fields; a drawn eccentricity must not exceed the field, which bounds the departure from the
+    Clohessy-Wiltshire motion for safety filters. The array ``chief_orbit``, shape (N, 6), contains the orbit.
+
+    Attributes:
+        mean_motion: Mean motion n of the orbit at the reset [rad/s].
+        eccentricity: Eccentricity, and the largest one that a reset may draw [-].
+        inclination: Inclination to the equator [rad].
+        argument_of_perigee: Angle from the ascending node to the perigee [rad].
+        true_anomaly: Angle from the perigee to the chief at the reset [rad].
+        oblate: Whether the Earth is oblate (J2); else it is a sphere.
+
+    Raises:
+        ValueError: The perigee is inside of the Earth.
+    """
+
+    row: ClassVar[Kernel[..., float]] = relative_orbit_row
+    shared: ClassVar[Mapping[str, ArraySpec]] = {ORBIT: ArraySpec((6,))}
+    shared_row: ClassVar[Kernel[..., None] | None] = orbit_row
+    parameters: ClassVar[Mapping[str, str]] = {
+        "eccentricity": "",
+        "inclination": "rad",
+        "argument_of_perigee": "rad",
+        "true_anomaly": "rad",
+    }
+
+    mean_motion: PositiveAngularRate = 0.001027
+    eccentricity: float = Field(default=0.0, ge=0.0, lt=0.8)
+    inclination: Angle = Field(default=0.9, ge=0.0, le=math.pi)
+    argument_of_perigee: Angle = 0.0
+    true_anomaly: Angle = 0.0
+    oblate: bool = True
+
+    @model_validator(mode="after")
+    def _outside(self) -> RelativeOrbit:
+        perigee = semi_major_axis(self.mean_motion) * (1.0 - self.eccentricity)
+        if perigee <= EARTH_RADIUS:
+            most = 1.0 - EARTH_RADIUS / semi_major_axis(self.mean_motion)
+            at = f"with the `mean_motion` {self.mean_motion:g} rad/s"
+            fix = f"`eccentricity` must be less than {most:.4f}" if most > 0.0 else "lower the `mean_motion`"
+            raise ValueError(f"the perigee is inside of the Earth, at {perigee / 1e3:.0f} km; {at}, {fix}")
+        return self
+
+    @property
+    def uniform(self) -> bool:
+        """Whether Hill's frame turns at a constant rate: on a circular orbit about a spherical Earth."""
+        return self.eccentricity == 0.0 and not self.oblate
+
+    @property
+    def _oblateness(self) -> float:
+        return 1.5 * EARTH_J2 * EARTH_GRAVITY * EARTH_RADIUS**2 if self.oblate else 0.0
+
+    def __call__(self, step_size: float) -> tuple[Any, ...]:
+        """Return the constants of the integration.
+
+        Args:
+            step_size: Length of a physics step [s].
+        """
+        at_perigee = self.mean_motion * math.sqrt(1.0 + self.eccentricity) / (1.0 - self.eccentricity) ** 1.5
+        substeps = max(math.ceil(step_size * at_perigee / _LARGEST_TURN), 1)
+        return (OrbitSteps(self._oblateness, step_size, substeps),)
+
+    def reset_shared(self, values: Mapping[str, Any], rows: int) -> Mapping[str, FloatArray]:
+        """Return the orbits at the start of R episodes, shape (R, 6).
+
+        Raises:
+            InitialStateError: An eccentricity is negative, or exceeds the field.
+        """
+        e, i, perigee, anomaly = (
+            np.broadcast_to(np.asarray(values.get(name, getattr(self, name)), dtype=np.float64), (rows,))
+            for name in self.parameters
+        )
+        if not np.all((e >= 0.0) & (e <= self.eccentricity)):
+            raise InitialStateError(
+                f"the reset parameter `eccentricity` is {e[~((e >= 0.0) & (e <= self.eccentricity))][0]:g}, but the "
+                f"field of RelativeOrbit allows 0 to {self.eccentricity:g}; raise the field, or lower the parameter"
+            )
+        semi_latus = semi_major_axis(self.mean_motion) * (1.0 - e * e)
+        momentum = np.sqrt(EARTH_GRAVITY * semi_latus)
+        distance = semi_latus / (1.0 + e * np.cos(anomaly))
+        radial = EARTH_GRAVITY / momentum * e * np.sin(anomaly)
+        orbit = (distance, radial, momentum, i, perigee + anomaly, np.zeros(rows))
+        return {ORBIT: np.stack(orbit, axis=-1)}
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return a bound of the velocity by which a step departs from the Clohessy-Wiltshire motion.
+
+        It is the product of the step size and bounds of the differences of gravity, of the rotation of Hill's frame and
+        of the second order in the distance, over all orbits up to the eccentricity.
+
+        Raises:
+            ValueError: The distance or the speed has no limit, or the deputy may reach the Earth's surface.
+        """
+        n, d, s, e, k = self.mean_motion, limits.distance, limits.speed, self.eccentricity, self._oblateness
+        a = semi_major_axis(n)
+        wobble = _OSCILLATION * EARTH_J2 * (EARTH_RADIUS / (a * (1.0 - e))) ** 2 if self.oblate else 0.0
+        near, far = a * (1.0 - e) * (1.0 - wobble), a * (1.0 + e) * (1.0 + wobble)
+        if not (math.isfinite(s) and d < near - EARTH_RADIUS):
+            raise ValueError(
+                "the departure from the Clohessy-Wiltshire motion has no bound without limits of the motion"
+            )
+        h = math.sqrt(EARTH_GRAVITY * a)
+        least, most = h * math.sqrt(1.0 - e * e) * (1.0 - wobble), h * (1.0 + wobble)
+        radial = EARTH_GRAVITY / least * (e + 2.0 * wobble)
+        slow, fast = least / far**2, most / near**2
+        tide = max(EARTH_GRAVITY / near**3 - n * n, n * n - EARTH_GRAVITY / far**3)
+        tilt, bulge = 2.0 * k / (near**3 * least), 2.0 * k / near**3
+        turn = max(fast - n, n - slow)
+        swing = 2.0 * most * radial / near**3 + bulge / near**2
+        nod = tilt * (2.0 * fast + 3.0 * radial / near + bulge / (least * near))
+        acceleration = (
+            d * (2.0 * tide + max(fast**2 - n * n, n * n - slow**2) + swing + nod + tilt * (tilt + 2.0 * fast))
+            + d * 8.0 * k / (near - d) ** 5
+            + 3.0 * EARTH_GRAVITY * d * d / (near - d) ** 4
+            + 2.0 * s * (turn + tilt)
+        )
+        growth = math.exp(4.0 * fast * limits.step_size)
+        return DisturbanceBounds(velocity=acceleration * limits.step_size * growth)
+
+    def offers(self) -> Mapping[str, Any]:
+        """Return the mean motion [rad/s], and the name of the array of the orbit."""
+        return {"mean_motion": self.mean_motion, "orbit": ORBIT}
