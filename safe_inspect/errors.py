@@ -10,6 +10,9 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+#: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.writers`.
+RAISED_IN = "raised in "
+
 
 class SafeInspectError(Exception):
     """Base class of all errors that a user can cause and fix."""

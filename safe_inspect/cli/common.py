@@ -9,17 +9,19 @@ import os
 import re
 import signal
 import sys
+import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from safe_inspect.errors import Problem, SafeInspectError, did_you_mean
+from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
 _USER_ERROR = 2
+_PACKAGE = os.path.dirname(os.path.dirname(__file__)) + os.sep
 #: Names of parsed arguments that are not options.
 _HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source", "--sources"}
 
@@ -229,6 +231,22 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
         _discard_output()
         _print_error(f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}")
         return _USER_ERROR
+    except Exception as error:
+        raised = [note for note in getattr(error, "__notes__", ()) if note.startswith(RAISED_IN)]
+        if not raised:
+            raise
+        _print_error(_of_plugin(error, raised[0]))
+        return _USER_ERROR
+
+
+def _of_plugin(error: Exception, note: str) -> str:
+    """Return the message of an error that a plugin raised, with the calls in files of the user."""
+    own = (_PACKAGE, f"{os.sep}site-packages{os.sep}", f"{os.sep}lib{os.sep}python", "<")
+    calls = [frame for frame in traceback.extract_tb(error.__traceback__) if not any(x in frame.filename for x in own)]
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).strip()  # Numba's messages are coloured
+    lines = [line.rstrip() for line in traceback.format_list(calls)]
+    fix = "fix it, and test it with safe_inspect.testing.check_plugin"
+    return "\n".join([*lines, f"error: {type(error).__name__}: {text}; {note}; {fix}"])
 
 
 def _check_working_directory() -> None:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import functools
 import linecache
+import os
 import traceback
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from safe_inspect.errors import MissingNameError, PluginValueError, SafeInspectError
+from safe_inspect.errors import RAISED_IN, MissingNameError, PluginValueError, SafeInspectError
 from safe_inspect.interrupts import Interrupted
 from safe_inspect.plugins.plugin import Plugin
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
+_PYDANTIC = f"{os.sep}pydantic{os.sep}"  # a missing attribute of a plugin is looked up there
 _RAISE = "raise an error that says what is wrong, or return a value"
 #: For each exception, what the plugin that raised it did, and how to fix it.
 _ENDS: dict[type[BaseException], tuple[str, str]] = {
@@ -69,7 +71,8 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
             if ends is not None:
                 source = linecache.getline(file, line).strip()
                 raise PluginValueError(f"{what} {ends[0]} ({file}:{line}: {source}); {ends[1]}") from None
-            error.add_note(f"raised in {what} ({file}:{line})")
+            if not any(note.startswith(RAISED_IN) for note in getattr(error, "__notes__", ())):
+                error.add_note(f"{RAISED_IN}{what} ({file}:{line})")
             raise
 
     return wrapped
@@ -78,7 +81,11 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
 def _innermost(error: BaseException) -> tuple[Plugin | None, str, int]:
     """Return the innermost plugin in the call stack of an exception, with its file and line; None without a plugin."""
     frames = [(frame.f_locals.get("self"), frame, line) for frame, line in traceback.walk_tb(error.__traceback__)]
-    calls = [(plugin, frame, line) for plugin, frame, line in frames if isinstance(plugin, Plugin)]
+    calls = [
+        (plugin, frame, line)
+        for plugin, frame, line in frames
+        if isinstance(plugin, Plugin) and _PYDANTIC not in frame.f_code.co_filename
+    ]
     if not calls:
         return None, "", 0
     plugin, frame, line = calls[-1]

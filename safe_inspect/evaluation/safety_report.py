@@ -131,7 +131,9 @@ def safety_report(
     refused = int((history[0] < 0.0).any(axis=1).sum())
     for hold in range(holds):
         share = adversarial_thrust(environment.view(), hold, slots, seed)
-        action = layout.low + 0.5 * (share + 1.0) * (layout.high - layout.low)
+        action = np.tile(layout.low, (num_envs, 1))  # the shortest coasting, where an action sets it
+        thrust = action[:, : share.shape[1]]
+        thrust += 0.5 * (share + 1.0) * (layout.high - layout.low)[: share.shape[1]]
         transition = environment.step((np.rint(action) if layout.choices else action)[:, None])
         history.append(watch.end(environment.simulation.flown[:, 0]))
         flown += np.bincount(kinds, minlength=len(ADVERSARIES))

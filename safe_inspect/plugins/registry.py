@@ -106,15 +106,15 @@ class Registry:
         return self._import(kind, name, head, tail)
 
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
-        hint = self._suggest(kind, attribute)
-        if hint.startswith("known"):  # none is similar: a class of the user
-            where = "in the working directory, in the folders of PYTHONPATH and among installed packages"
-            fix = f"correct the name, or add the folder that contains {module.partition('.')[0]!r} to PYTHONPATH"
-            hint = f"modules are searched {where}; {fix}"
+        where = "in the working directory, in the folders of PYTHONPATH and among installed packages"
+        fix = f"correct the name, or add the folder that contains {module.partition('.')[0]!r} to PYTHONPATH"
+        hint = f"modules are searched {where}; {fix}"
         loaded = import_user_module(module, f" for {kind} {name!r}; {hint}")
         cls: Any = getattr(loaded, attribute, None)
         if cls is None:
-            raise RegistryError(f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, vars(loaded))}")
+            raise RegistryError(
+                f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, _plugins_in(loaded))}"
+            )
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
             raise RegistryError(f"{name!r} is not a plugin; a {kind} must be a subclass of {self._base(kind)}")
         if not cls.registered_name:
@@ -176,6 +176,11 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
+
+
+def _plugins_in(module: Any) -> list[str]:
+    """Return the names of the plugins that a module contains."""
+    return [name for name, value in vars(module).items() if getattr(value, "registered_name", "") and name[0] != "_"]
 
 
 def cause_of(error: BaseException) -> str:

@@ -43,7 +43,7 @@ class DockingAutopilot(SpeedLimit, ScriptedPolicy):
         threshold, near, slope, _ = self.limit_line(view.world)
         speed = self.share * (threshold + slope * np.maximum(distance - near, 0.0))
         wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]
-        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        mass = view.mass[:, None]
         thrust = mass * (wanted - velocity) / np.diag(gamma[3:])
         return shortened(thrust, limits)  # keeps the direction of the velocity change
 
@@ -94,5 +94,5 @@ class DockingController(ScriptedPolicy):
         pull *= np.minimum(1.0, _APPROACH_SPEED / np.maximum(lengths(pull), 1e-9))[:, None]
         gain = 2.0 * self.frequency
         wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
-        mass = np.broadcast_to(view.mass, (view.num_rows,))[:, None]
+        mass = view.mass[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))

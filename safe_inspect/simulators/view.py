@@ -162,10 +162,9 @@ class View:
 
     @property
     def mass(self) -> FloatArray:
-        """Own mass [kg], shape (R,) or a scalar that broadcasts against it."""
+        """Own mass [kg], shape (R,)."""
         first, size = self.group.first, self.group.size
-        own = self.world.masses[first : first + size]
-        return read_only(own) if size == 1 else np.tile(own, self.writable.num_envs)
+        return read_only(np.tile(self.world.masses[first : first + size], self.writable.num_envs))
 
     def _of_others(self, array: FloatArray) -> FloatArray:
         deputies = self.world.num_deputies

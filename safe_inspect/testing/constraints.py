@@ -21,6 +21,8 @@ _STEP = 1e-5
 #: Tolerance of the gradient as a fraction of the difference quotient. Where the quotients to both sides differ by the
 #: second fraction, h has a kink and the state is not compared.
 _TOLERANCE, _KINK = 1e-3, 1e-2
+#: Pairs of states on both sides of the boundary, steps of the search for unsafe states, and halvings of the distance.
+_PAIRS, _SEARCHES, _HALVINGS = 64, 60, 30
 #: Largest fraction of the states at which h may have a kink along one axis.
 _KINKS = 0.5
 
@@ -63,7 +65,7 @@ def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) 
 
 def _check_half_space(plugin: Constraint, report: Report) -> None:
     """Compare phi with the half-spaces of sampled states, at these states and at those within the half-spaces."""
-    state = probe_states()
+    state = _with_boundary(plugin, probe_states())
     points, phi = np.concatenate((state.position, state.velocity), axis=1), plugin.phi(state)
     kernel: Any = type(plugin).half_space
     numbers = np.array([*plugin.half_space_parameters(), 0.0])
@@ -89,6 +91,44 @@ def _check_half_space(plugin: Constraint, report: Report) -> None:
             "write a direction d and return a need so that every state y with d.y >= need is safe, and x itself is "
             "safe exactly where d.x >= need",
         )
+
+
+def _with_boundary(plugin: Constraint, state: RelativeState) -> RelativeState:
+    """Return states together with pairs of an unsafe and a safe one that are close to each other.
+
+    Unsafe states are also searched for, from the states with the least phi, because a small unsafe region may contain
+    none of the samples.
+    """
+    rng, phi = np.random.default_rng(17), plugin.phi(state)
+    unsafe = state[np.argsort(phi)[:_PAIRS]]
+    for size in np.geomspace(0.5, 5e-4, _SEARCHES):
+        position, velocity = (
+            array + size * np.linalg.norm(array, axis=1, keepdims=True) * rng.normal(size=array.shape)
+            for array in (unsafe.position, unsafe.velocity)
+        )
+        tried = RelativeState(position, velocity, unsafe.sun_angle)
+        unsafe = _chosen(plugin.phi(tried) < plugin.phi(unsafe), tried, unsafe)
+    safe, unsafe = state[phi > 0.0], unsafe[plugin.phi(unsafe) < 0.0]
+    if not (len(safe) and len(unsafe)):
+        return state
+    safe = safe[rng.integers(len(safe), size=len(unsafe))]
+    for _ in range(_HALVINGS):
+        middle = RelativeState(
+            0.5 * (safe.position + unsafe.position), 0.5 * (safe.velocity + unsafe.velocity), safe.sun_angle
+        )
+        within = plugin.phi(middle) >= 0.0
+        safe, unsafe = _chosen(within, middle, safe), _chosen(within, unsafe, middle)
+    return RelativeState(
+        *(np.concatenate([getattr(one, name) for one in (state, safe, unsafe)])
+          for name in ("position", "velocity", "sun_angle"))
+    )  # fmt: skip
+
+
+def _chosen(first: BoolArray, one: RelativeState, other: RelativeState) -> RelativeState:
+    """Return the rows of one where a mask, shape (R,), is true, and of another elsewhere."""
+    names = ("position", "velocity", "sun_angle")
+    pairs = ((getattr(one, name), getattr(other, name)) for name in names)
+    return RelativeState(*(np.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
 def _check_gradient(plugin: Constraint, state: RelativeState, report: Report) -> None:

@@ -17,6 +17,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import Problem
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rta.constraints.certified import NAMES
 
 EXPERIMENT = str(configs_root() / "translational-inspection" / "experiment.yml")
 MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
@@ -147,9 +148,27 @@ def test_the_exit_code_of_a_safety_report(
     assert given == [(enabled, 9, 3, 5)]
 
 
+CEILING = """
+from safe_inspect.rta.constraints import Constraint, ConstraintValues
+
+
+class CeilingOfAudit(Constraint):
+    def evaluate(self, state):
+        out = ConstraintValues.zeros(len(state))
+        out.phi[:] = out.h[:] = 500.0 - state.position[:, 2]
+        out.gradient[:, 2], out.gradient[:, 5] = -1.0, -1.0
+        return out
+
+    @staticmethod
+    def half_space(p, x, d):
+        d[2] = -1.0
+        return -500.0
+"""
+
+
 @pytest.mark.parametrize(("violations", "infeasible", "code"), [(0, 0, 0), (1, 0, 1), (0, 1, 1)])
 def test_the_exit_code_of_an_audit(
-    typed: Typed, monkeypatch: pytest.MonkeyPatch, violations: int, infeasible: int, code: int
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, violations: int, infeasible: int, code: int
 ) -> None:
     given: list[Any] = []
 
@@ -159,7 +178,8 @@ def test_the_exit_code_of_an_audit(
 
     def audit(count: int, *, seed: int, first: Any, progress: Any) -> Found:
         given.append((count, seed, type(first).__name__))
-        found = Found(settings=1234, steps=5678, infeasible=infeasible, violations=violations)
+        least = dict.fromkeys(NAMES, 1.0)
+        found = Found(settings=1234, steps=5678, infeasible=infeasible, violations=violations, least=least)
         progress(found)
         return found
 
@@ -170,6 +190,13 @@ def test_the_exit_code_of_an_audit(
         f"1,234 of 2,000 settings, 5,678 steps, {infeasible} without a plan, {violations} violations\n",
     )
     assert given[0][:2] == (1999, 7)
+    (tmp_path / "ceiling.py").write_text(CEILING)
+    monkeypatch.syspath_prepend(tmp_path)
+    own = "reference_store.constraints+=[ceiling.CeilingOfAudit]"
+    assert typed("safety", EXPERIMENT, "--audit", "1999", "--seed", "7", own)[2].splitlines()[-1] == (
+        "note: ceiling.CeilingOfAudit not audited, because the audit has definitions of its own of the built-in "
+        "constraints only; run `safe-inspect safety` without --audit to test it"
+    )
     docking = str(configs_root() / "docking" / "experiment.yml")
     code, _, err = typed("safety", docking, "--audit", "3")
     words = "the audit supports only RTAGlueCWHInspection1v1 with the method 'backup'"

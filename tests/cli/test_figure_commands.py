@@ -136,6 +136,27 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
     assert len(drawn) == 2
 
 
+def test_folders_without_a_learning_curve_are_left_out(
+    typed: Typed, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "recipes_of", lambda runs, labels: {"x": [Path(run) for run in runs]})
+    monkeypatch.setattr(figures, "curves_figure", lambda recipes, centre, each: None)
+    monkeypatch.setattr(figures, "save", lambda figure, path: None)
+    for name in ("run", "mission"):
+        (here / name).mkdir()
+    (here / "run" / "progress.csv").write_text("")
+    assert typed("curves", "run", "mission") == (
+        0, "curves.png: x (1)\n", "note: mission is left out, because it has no progress.csv\n"
+    )  # fmt: skip
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    code, _, err = typed("curves", "mission")
+    assert (code, err) == (
+        2,
+        "error: mission: there is no progress.csv in this folder; give the folder of a training run\n",
+    )
+
+
 @pytest.mark.parametrize(
     ("change", "shown"),
     [

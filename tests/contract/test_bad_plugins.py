@@ -611,6 +611,42 @@ class TestValues:
         assert set(found) == ({"half_space"} if fault else set())
         assert words in found.get("half_space", "")
 
+    @pytest.mark.parametrize("error", [0.0, -10.0, -0.1, 0.1, 5.0])
+    @pytest.mark.parametrize(("distance", "radius"), [(70.0, 20.0), (1500.0, 3.0)])
+    def test_the_half_space_of_a_small_ball_far_from_the_chief(self, distance: float, radius: float, error: float):
+        """Few samples are near such a ball, if any, and an error of a decimetre is found all the same."""
+
+        class Ball(Constraint):
+            """Stay able to stop before a ball on the y axis."""
+
+            distance: float = 70.0
+            radius: float = 20.0
+            error: float = 0.0
+
+            def evaluate(self, state):
+                out, away = Evaluation.zeros(len(state)), state.position - [0.0, self.distance, 0.0]
+                size = np.linalg.norm(away, axis=1)
+                out.phi[:], unit = size - self.radius, away / size[:, None]
+                closing = (unit * state.velocity).sum(axis=1)
+                out.h[:] = out.phi + 50.0 * closing
+                out.gradient[:, :3] = unit + 50.0 * (state.velocity - closing[:, None] * unit) / size[:, None]
+                out.gradient[:, 3:] = 50.0 * unit
+                return out
+
+            @staticmethod
+            def half_space(p, x, d):
+                y = x[1] - p[0]
+                size = np.sqrt(x[0] * x[0] + y * y + x[2] * x[2])
+                d[0], d[1], d[2] = x[0] / size, y / size, x[2] / size
+                return p[1] + d[1] * p[0]
+
+            def half_space_parameters(self):
+                return self.distance, self.radius + self.error
+
+        found = breaches(Ball(distance=distance, radius=radius, error=error))
+        words = "a state with phi > 0 is not within" if error > 0.0 else "a state with phi < 0 lies within it"
+        assert words in found["half_space"] if error else "half_space" not in found
+
     def test_a_constraint_upon_which_no_thrust_acts(self) -> None:
         class Slab(Constraint):
             """Stay below z = 300 m, whatever the velocity: h = 300 m - z."""

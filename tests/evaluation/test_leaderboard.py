@@ -94,7 +94,7 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     page = (tmp_path / "board.md").read_text()
     assert "    safe-inspect leaderboard boards.yml more.yml --output board.md\n" in page
     assert "[1/2] Small: zero-thrust" in err
-    assert f"\nTask: `{TASK}`, with `horizon=30`.\n" in page
+    assert page.index("\n## Small\n") < page.index(f"\nTask: `{TASK}`, with `horizon=30`.\n")
     assert "| `mine` |" in page
     assert "| 12 | 3 min |" in page
     assert json.loads((tmp_path / "kept/small/mine/evaluation.json").read_text())["episodes"] == 4

@@ -146,6 +146,24 @@ def flown(state, control, time):
     return RelativeState(p, v, state.sun_angle + N * time)
 
 
+def test_the_order_of_further_constraints_does_not_matter():
+    """Each of several further constraints cuts the thrusts, whatever its place is."""
+    planes = [
+        Plane(name=f"plane{k}", normal=normal, offset=45.0)
+        for k, normal in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    ]
+    state, rng = drawn(5, 900, nearest=35.0, farthest=60.0, fastest=0.4), np.random.default_rng(6)
+    desired = rng.uniform(-1.0, 1.0, (900, 3))
+    found = []
+    for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
+        result = BackupFilter({}, [planes[k] for k in order])(state, desired.copy())
+        found.append((result.control, [result.active >> order.index(k) & 1 for k in range(3)]))
+    assert all(0.05 < active.mean() < 0.9 for active in found[0][1]), "every plane acts on some of the thrusts"
+    for control, active in found[1:]:
+        np.testing.assert_allclose(control, found[0][0], atol=1e-6)
+        np.testing.assert_array_equal(active, found[0][1])
+
+
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_the_half_space_is_the_constraint(constraint):
     """d.x >= need exactly where phi >= 0, and every state with d.y >= need is safe."""

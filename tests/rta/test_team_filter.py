@@ -308,6 +308,13 @@ def test_refusals_of_teams_of_any_size(start):
     assert refused["deputy_collision"][:2].all()
     assert refused["recoverable"][:2].all()
     assert not refused["deputy_collision"][2:].any()
+    touching = {name: array[:3, :1].copy() if array.ndim > 1 else array[:3].copy() for name, array in states.items()}
+    touching["velocity"][:] = 0.0
+    for row, reach in enumerate((10.0, 10.0 - 1e-9, 800.0)):
+        touching["position"][row] = [0.0, -reach, 0.0]
+    refused = plugin.refusals(touching)
+    assert refused["chief_collision"].tolist() == [False, True, False], "phi = 0 and h = 0 are allowed"
+    assert not refused["r_max"].any()
     np.testing.assert_allclose(plugin.safety(near)["deputy_collision"][0], -4.0)
     assert "deputy_collision" not in plugin.safety({**near, "position": near["position"][:, :1],
                                                     "velocity": near["velocity"][:, :1]})  # fmt: skip

@@ -89,6 +89,21 @@ def test_a_plan_draws_every_body_the_sun_and_the_parameters():
     assert not np.isclose(bodies["blue0"]["position"][:, 0], bodies["blue1"]["position"][:, 0]).any()
 
 
+def test_a_deputy_that_is_drawn_again_keeps_the_other_values_of_its_row():
+    deputy = BodyReset(
+        PositionVelocityInitializer(),
+        {"x": UniformParameter(low=0.0, high=20.0), "y": SimAttributeAccessor(attribute_name="offset")}
+        | {name: ConstantParameter() for name in ("z", "x_dot", "y_dot", "z_dot")},
+    )
+    offset = {"offset": UniformParameter(low=-1.0, high=1.0)}
+    plan = ResetPlan(offset, {"blue0": deputy, "blue1": deputy}, {}, separation=8.0)
+    bodies, values = plan.draw(Streams(3, np.arange(40), np.zeros(40, dtype=np.int64)))
+    apart = np.abs(bodies["blue0"]["position"][:, 0] - bodies["blue1"]["position"][:, 0])
+    assert apart.min() >= 8.0
+    for name in ("blue0", "blue1"):
+        np.testing.assert_array_equal(bodies[name]["position"][:, 1], values["offset"])
+
+
 def test_without_a_draw_the_angle_of_the_sun_is_zero(shipped):
     spec = load_experiment(shipped).spec
     env = BatchedEnvironment(replace(spec, reset=replace(spec.reset, environment=())), 3)

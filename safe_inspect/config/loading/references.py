@@ -84,7 +84,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
         if field in config:
             line = locate(root, (*path, "config", field))
             also = f"`{field}` is also in `config`" + (f" ({line})" if line else "")
-            wrong(where, also, "remove one of them")
+            wrong(where, also, f"remove it there, and set `{STORE}.{key}` instead")
         elif not isinstance(key, str):
             hint = f"put the value itself into `config.{field}`"
             wrong(where, f"expected a key of the `{STORE}`, got {key!r}", hint)

@@ -141,6 +141,8 @@ def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, mode
             agents = start["agent_config"]
             known |= {name for entry in agents for name in names_of(entry)} if isinstance(agents, list) else set()
             known |= known_keys(start, ("config", "config"), model)
+        if len(where) == 3 and where[0] == "agent_config":  # keys that may stand next to `policy` in the short form
+            known |= known_keys(start, (*where[:2], "config", "config"), model)
         text, hint = f"unknown key `{fault.path[-1]}`", key_hint(str(fault.path[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
             text, hint = fault.error["msg"], ""  # a plugin that builds another lists the keys itself

@@ -35,6 +35,12 @@ def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     return found
 
 
+def has_curve(folder: str | os.PathLike[str]) -> bool:
+    """Return whether a path is that of a learning curve, or of a folder of a run or a search with one."""
+    path = Path(folder).expanduser()
+    return path.is_file() or RunFolder(path).progress.is_file() or any(path.glob("trials/*/progress.csv"))
+
+
 def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the files of the learning curves of a run, or of a search whose trials differ only in their seed.
 
