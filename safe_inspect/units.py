@@ -91,8 +91,8 @@ def factor(name: str, symbol: str) -> float:
     """
     found = unit(name)
     if found.symbol != symbol:
-        fitting = [name for name, (of, _, _) in _SPELLINGS.items() if of == symbol]
-        use = f"use {' or '.join(map(repr, fitting))}" if symbol else "write a number without a unit"
+        fitting = ", ".join(repr(name) for name, (of, _, _) in _SPELLINGS.items() if of == symbol)
+        use = f"use {' or '.join(fitting.rsplit(', ', 1))}" if symbol else "write a number without a unit"
         raise UnitError(f"{name!r} is not a unit of {_describe(symbol)}; {use}")
     return found.factor
 

@@ -210,7 +210,7 @@ _COMPOSED = (
         ((_SILENT, f"{_BOUNDS}={{velocity: 1.0e-3}}"), "SilentComponent may change the motion"),
         ((_DECLARED, f"{_AGENT}.reference_store.constraints=[rel_vel]"), "Elliptic may change the motion"),
         ((_ELLIPTIC,), "Elliptic may change the motion that the filter assumes, but has no"),
-        ((_WIND,), "disturbed by Wind, and this filter gives no guarantee then; give the filter the bounds"),
+        ((_WIND,), "disturbed by Wind, and this filter gives no guarantee then; give the filter `disturbance: {"),
         (
             (_WIND, f"{_BOUNDS}={{velocity: 9.0e-5}}"),
             "`velocity` is 0.0001, from Wind, which exceeds this bound",

@@ -92,7 +92,7 @@ def test_all_wrong_references_are_reported_together(write):
     )
     assert problems(load("a.yml")) == [
         "a.yml:7 config.dones[0].references.max_distance: `max_distance` is also in `config` (a.yml:5); "
-        "remove one of them",
+        "remove it there, and set `reference_store.max_distance` instead",
         "a.yml:8 config.dones[0].references.other: the `reference_store` has no key `max_distanse`; "
         "did you mean `max_distance`?",
         "a.yml:9 config.dones[0].references.third: expected a key of the `reference_store`, got 3; "

@@ -91,7 +91,7 @@ def trial(write, config: str) -> list[str]:
         ("{scale: 1, count: true}", "count: expected a whole number, got `true`"),
         ("{scale: yes}", "scale: expected a number, got `true`"),
         ("{scale: 1, count: 0}", "count: expected a number of 1 or more, got 0"),
-        ("{scale: 1, radius: 3 kg}", "radius: 'kg' is not a unit of length; use 'm'"),
+        ("{scale: 1, radius: 3 kg}", "radius: 'kg' is not a unit of length; use 'm', 'km', 'cm', 'mm' or 'ft'"),
         ("{scale: 1, mode: scal}", "mode: expected 'scale' or 'constant', got 'scal'; did you mean `scale`?"),
         ("{scale: 1, scael: 2}", "scael: unknown key `scael`; did you mean `scale`?"),
         ("{scale: 1, scaling: {factr: 2}}", "scaling.factr: unknown key `factr`; did you mean `factor`?"),

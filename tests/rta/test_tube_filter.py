@@ -188,7 +188,7 @@ def test_in_the_environment_every_constraint_holds_through_resets():
     [
         (
             {"bounds": None},
-            "disturbed by BoundedDisturbance, and this filter gives no guarantee then; give the filter the bounds",
+            "disturbed by BoundedDisturbance, and this filter gives no guarantee then; give the filter `disturbance: {",
         ),
         (
             {"bounds": {**FIELDS, "velocity": 5e-5}},

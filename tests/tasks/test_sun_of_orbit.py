@@ -12,7 +12,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import RelativeOrbit
-from safe_inspect.dynamics.earth import EARTH_RADIUS
+from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.task import default_metrics
@@ -144,7 +144,8 @@ def test_the_sun_constraint_is_refused_where_the_sun_leaves_the_plane(override: 
 def test_a_filter_takes_an_orbit_with_the_bounds_of_its_departure() -> None:
     orbit = "dynamics={functor: RelativeOrbit, config: {eccentricity: 0.005}}"
     constraints = "reference_store.constraints=[chief_collision, r_max, rel_vel, x_vel, y_vel, z_vel]"
-    with pytest.raises(SafeInspectError, match="the simulation is disturbed by RelativeOrbit"):
+    needed = r"disturbed by RelativeOrbit.*; give the filter `disturbance: \{velocity: 0\.0023\}`"
+    with pytest.raises(SafeInspectError, match=needed):
         load_experiment(RECIPE, [*FILTERED, orbit, constraints])
     bounded = "RTAGlueCWHInspection1v1.config.disturbance={velocity: 0.003}"
     spec = load_experiment(RECIPE, [*FILTERED, orbit, constraints, bounded]).spec

@@ -193,13 +193,20 @@ def _check_motion(
         by = " and ".join(dict.fromkeys(name for _, name in exceeded.values()))
         text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
         if "disturbance" in type(plugin).model_fields:
-            report((*where, "disturbance"), f"{text}give the filter the bounds, or disable it")
+            needed = ", ".join(f"{field}: {_rounded_up(value):g}" for field, (value, _) in exceeded.items())
+            report((*where, "disturbance"), f"{text}give the filter `disturbance: {{{needed}}}`, or disable it")
         else:
             report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
         return
     for field, (value, by) in exceeded.items():
         text = f"the simulation's `{field}` is {value:g}, from {by}, which exceeds this bound"
         report((*where, "disturbance", field), f"{text}; raise the bound, or lower the disturbance")
+
+
+def _rounded_up(value: float) -> float:
+    """Return a positive number, rounded up to two digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return math.ceil(value / unit - 1e-9) * unit
 
 
 def _reach(kept: Mapping[str, Any]) -> tuple[float, float]:

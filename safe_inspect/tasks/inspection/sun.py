@@ -10,10 +10,10 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
-from safe_inspect.dynamics.earth import EARTH_RADIUS
-from safe_inspect.dynamics.relative_orbit import ORBIT, RelativeOrbit
-from safe_inspect.dynamics.relative_orbit_row import from_hill, to_hill
-from safe_inspect.dynamics.shadow import Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
+from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
+from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
+from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
 from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
@@ -99,7 +99,7 @@ def sun_of_orbit(
         direction: Output: direction of the sun, Hill frame, shape (N, 3).
     """
     for n in range(angle.shape[0]):
-        x, y, z = to_hill(orbit[n], (inertial[n, 0], inertial[n, 1], inertial[n, 2]))
+        x, y, z = in_hill_frame(orbit[n], (inertial[n, 0], inertial[n, 1], inertial[n, 2]))
         direction[n, 0], direction[n, 1], direction[n, 2] = x, y, z
         turned = math.atan2(-y, x) - angle[n]
         angle[n] += turned - 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
@@ -199,7 +199,7 @@ class _RunningSun(RunningComponent):
             state[BETA][:] = values.get(BETA, self._beta)
         turn_sun(0.0, state["sun_angle"], self._beta_of(state), state["sun_direction"])
         if self._of_orbit:
-            from_hill(state[ORBIT], state["sun_direction"], state[_INERTIAL])
+            in_inertial_axes(state[ORBIT], state["sun_direction"], state[_INERTIAL])
         self._shade(state)
 
     def step(self, state: State, running: BoolArray) -> None:

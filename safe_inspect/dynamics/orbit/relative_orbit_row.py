@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.rigid_body import Vector, moved_vector
-from safe_inspect.dynamics.earth import EARTH_GRAVITY
+from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY
 from safe_inspect.types import FloatArray
 
 #: The chief's orbit ``(r, r', h), (i, u, O)``; position and velocity of a deputy in Hill's frame.
@@ -47,7 +47,7 @@ def _turned(a: float, x: float, y: float) -> tuple[float, float]:
 
 
 @njit
-def to_hill(orbit: FloatArray, vector: Vector) -> Vector:
+def in_hill_frame(orbit: FloatArray, vector: Vector) -> Vector:
     """Return a vector of inertial axes in Hill's frame.
 
     Args:
@@ -62,8 +62,8 @@ def to_hill(orbit: FloatArray, vector: Vector) -> Vector:
 
 
 @njit
-def from_hill(orbits: FloatArray, vectors: FloatArray, inertial: FloatArray) -> None:
-    """Write vectors of Hill's frame in inertial axes; the inverse of `to_hill` for N rows."""
+def in_inertial_axes(orbits: FloatArray, vectors: FloatArray, inertial: FloatArray) -> None:
+    """Write vectors of Hill's frame in inertial axes; the inverse of `in_hill_frame` for N rows."""
     for n in range(orbits.shape[0]):
         x, y, z = vectors[n, 0], vectors[n, 1], vectors[n, 2]
         x, y = _turned(-orbits[n, 4], x, y)

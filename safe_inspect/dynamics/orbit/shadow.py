@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.earth import EARTH_GRAVITY, EARTH_RADIUS, semi_major_axis
+from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_RADIUS, semi_major_axis
 
 #: Radius of the sun [m].
 SUN_RADIUS = 695_700_000.0

@@ -1,0 +1,1 @@
+"""Orbits about the Earth: the chief's orbit, motion relative to it, and the Earth's shadow."""
