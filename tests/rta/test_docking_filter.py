@@ -162,7 +162,7 @@ def test_a_disturbed_docking_is_filtered_by_its_estimates():
     disturbance = f"{{functor: BoundedDisturbance, config: {fields[:-1]}, distribution: extreme}}}}"
     disturbed = [ENABLED, f"config.config.env_config.simulator.config={{disturbance: {disturbance}}}"]
     with pytest.raises(
-        ConfigError, match=r"give the filter `disturbance: \{velocity: 0\.0001, position_error: 0\.01, "
+        ConfigError, match=r"give the filter `disturbance: \{velocity: 0\.0001, position_error: 0\.01"
     ):
         load_spec(EXPERIMENT, disturbed)
     withstood = load_spec(EXPERIMENT, [*disturbed, f"RTAGlueCWHDocking3d.config.disturbance={fields}"])

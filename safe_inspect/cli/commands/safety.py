@@ -81,8 +81,8 @@ def _run_audit(arguments: argparse.Namespace) -> int:
     others = [name for name in glue.kept if name not in report.least]
     if others:
         print(
-            f"note: {' and '.join(others)} not audited, because the audit only has independent definitions of the built-in "
-            "constraints; run `safe-inspect safety` without --audit to test it",
+            f"note: {' and '.join(others)} not audited, because the audit only has independent definitions of the "
+            "built-in constraints; run `safe-inspect safety` without --audit to test it",
             file=sys.stderr,
         )
     return 1 if report.violations or report.infeasible else 0
