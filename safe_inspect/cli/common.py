@@ -112,6 +112,8 @@ def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Name
         hint = f"; {near}" if near.startswith("did you mean") else ""
         if unknown[0].startswith("--override"):
             hint = "; write only KEY=VALUE"
+        elif not hint and "=" in unknown[0] and hasattr(arguments, "overrides"):
+            hint = f"; to override a value, write {unknown[0].lstrip('-')} without dashes"
         elif not is_option(unknown[0]):
             hint = f"; {equals_hint(unknown[0])}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
@@ -243,10 +245,9 @@ def _of_plugin(error: Exception, note: str) -> str:
     """Return the message of an error that a plugin raised, with the calls in files of the user."""
     own = (_PACKAGE, f"{os.sep}site-packages{os.sep}", f"{os.sep}lib{os.sep}python", "<")
     calls = [frame for frame in traceback.extract_tb(error.__traceback__) if not any(x in frame.filename for x in own)]
-    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).strip()  # Numba's messages are coloured
     lines = [line.rstrip() for line in traceback.format_list(calls)]
     fix = "fix it, and test it with safe_inspect.testing.check_plugin"
-    return "\n".join([*lines, f"error: {type(error).__name__}: {text}; {note}; {fix}"])
+    return "\n".join([*lines, f"error: {type(error).__name__}: {error}; {note}; {fix}"])
 
 
 def _check_working_directory() -> None:

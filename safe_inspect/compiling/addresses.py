@@ -6,6 +6,7 @@ one of the sources of compiled functions (those with ``@njit``): a change of it 
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from llvmlite import ir
@@ -15,6 +16,8 @@ from numba.core.errors import NumbaError
 from numba.extending import intrinsic
 
 from safe_inspect.compiling.kernel import Kernel, cached
+
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # in the messages of Numba
 
 
 @intrinsic  # type: ignore[misc,untyped-decorator]
@@ -93,4 +96,4 @@ def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
     try:
         return cached(lambda function, cache: cfunc(signature, cache=cache, error_model="numpy")(function), kernel)
     except NumbaError as error:
-        raise ValueError(str(error)) from None
+        raise ValueError(_COLOUR.sub("", str(error)).strip()) from None

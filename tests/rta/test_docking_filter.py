@@ -161,9 +161,7 @@ def test_a_disturbed_docking_is_filtered_by_its_estimates():
     fields = "{velocity: 1e-4, position_error: 1 cm, velocity_error: 1e-4, thrust_gain: 0.01, thrust_direction: 0.01}"
     disturbance = f"{{functor: BoundedDisturbance, config: {fields[:-1]}, distribution: extreme}}}}"
     disturbed = [ENABLED, f"config.config.env_config.simulator.config={{disturbance: {disturbance}}}"]
-    with pytest.raises(
-        ConfigError, match=r"give the filter `disturbance: \{velocity: 0\.0001, position_error: 0\.01"
-    ):
+    with pytest.raises(ConfigError, match=r"give the filter `disturbance: \{velocity: 0\.0001, position_error: 0\.01"):
         load_spec(EXPERIMENT, disturbed)
     withstood = load_spec(EXPERIMENT, [*disturbed, f"RTAGlueCWHDocking3d.config.disturbance={fields}"])
     report = safety_report(withstood, steps=10_000, num_envs=256, substeps=5)

@@ -10,6 +10,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.errors import PluginValueError
 from safe_inspect.metrics import SmallestPhi
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState, constraint_set
 from safe_inspect.rta.constraints.rows import Margins
@@ -337,7 +338,9 @@ def test_what_is_not_a_number_is_not_safe():
 
 def test_a_kernel_that_does_not_compile_is_named():
     run = BackupFilter({}, [Uncompilable()])
-    with pytest.raises(ValueError, match=r"Uncompilable\.half_space does not compile as a row kernel"):
+    with pytest.raises(
+        PluginValueError, match=r"Uncompilable\.half_space \(.*\.py:\d+\) does not compile as a row kernel"
+    ):
         run.recoverable(drawn(14, 1))
 
 

@@ -35,7 +35,7 @@ def hint(name: str, tried: list[Path], including: Path | None) -> str:
     if including is not None and not name.startswith(".") and (including.parent / name).is_file():
         return f"to include the file next to this one, write `./{name}`"
     for place in tried:
-        near = _near(place)
+        near = _near(place, including)
         if near is not None:
             rest = len(place.parts) - len(near.parts)
             written = Path(name).parts
@@ -47,8 +47,8 @@ def hint(name: str, tried: list[Path], including: Path | None) -> str:
     return ""
 
 
-def _near(place: Path) -> Path | None:
-    """Return the existing file or folder whose name is most similar to the first missing part of the path."""
+def _near(place: Path, but: Path | None) -> Path | None:
+    """Return the existing file or folder, other than a given one, whose name is most similar to what is missing."""
     missing = place
     while not missing.parent.is_dir():
         if missing.parent == missing:
@@ -56,7 +56,7 @@ def _near(place: Path) -> Path | None:
         missing = missing.parent
     last = missing == place
     try:
-        names = [entry.name for entry in os.scandir(missing.parent) if entry.is_file() == last]
+        names = [entry.name for entry in os.scandir(missing.parent) if entry.is_file() == last and Path(entry) != but]
     except OSError:
         return None
     near = difflib.get_close_matches(missing.name, names, n=1, cutoff=0.6)

@@ -90,7 +90,9 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         folder, start = _open(run, settings, learning, stack, stream)
         if start is not None and _is_over(start, settings.tune.settings["stop"]):
             print(
-                f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue", file=stream
+                f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue, as with "
+                f"training_iteration={start.iteration + 100}",
+                file=stream,
             )
             return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
         try:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
-from safe_inspect.errors import PluginValueError
+from safe_inspect.errors import MissingNameError, PluginValueError
 from safe_inspect.simulators.row_terms.inputs import (
     GlueReading,
     InputPlace,
@@ -96,10 +96,16 @@ def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size:
         size: Number of elements of the result if the kernel writes it; 0 if the kernel returns it.
 
     Raises:
+        MissingNameError: The task does not provide an input.
         PluginValueError: The kernel does not compile for these inputs.
         ValueError: An input cannot be read by a kernel.
     """
-    places = tuple(place_of(given, scene) for given in term.inputs)
+    try:
+        places = tuple(place_of(given, scene) for given in term.inputs)
+    except MissingNameError as error:
+        line = term.kernel.__wrapped__.__code__.co_firstlineno
+        where = f"{term.kernel.__qualname__} ({term.kernel.__module__}, line {line})"
+        raise MissingNameError(f"an input of the row kernel {where} is missing: {error}") from None
     numbers = [stride, size]
     for given, place in zip(term.inputs, places, strict=True):
         if size and place.base in (MemoryBase.BEFORE, MemoryBase.INTERVENING):

@@ -18,6 +18,7 @@ from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.compiling.addresses import call_at, compiled_at, on_stack, pointer, read_number
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.constraints.base import HalfSpace
 from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest
 from safe_inspect.rta.filters.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
@@ -34,14 +35,16 @@ def kernel(function: HalfSpace) -> Any:
     """Return a compiled kernel, whose `address` is valid during the whole process.
 
     Raises:
-        ValueError: It does not compile.
+        PluginValueError: It does not compile.
     """
     try:
         return compiled_at(njit(function), _SIGNATURE)
     except ValueError as error:
-        raise ValueError(
-            f"{function.__module__}.{function.__qualname__} does not compile as a row kernel; use numbers, `math` and "
-            f"the three arrays, element by element: {error}"
+        code = function.__code__
+        name = f"{function.__module__}.{function.__qualname__} ({code.co_filename}:{code.co_firstlineno})"
+        raise PluginValueError(
+            f"{name} does not compile as a row kernel; use numbers, `math` and the three arrays, element by element: "
+            f"{error}"
         ) from None
 
 

@@ -34,7 +34,7 @@ class KernelTable:
         """Return a model with the constraints of this table, which must exist as long as the model.
 
         Raises:
-            ValueError: A kernel does not compile.
+            PluginValueError: A kernel does not compile.
         """
         if not self.constraints:
             return model
