@@ -138,7 +138,10 @@ def test_a_copy_of_the_specification_gives_the_same_readings() -> None:
     ("errors", "text"),
     [
         ({"noise": -1.0}, "noise"),
-        ({"noise": "5 s", "bias": "1 kg"}, "noise: 's' is not a unit of length; use 'm'; bias: 'kg' is not a unit"),
+        (
+            {"noise": "5 s", "bias": "1 kg"},
+            "noise: 's' is not a unit of length; use 'm', 'km', 'cm', 'mm' or 'ft'; bias: 'kg'",
+        ),
         ({"dropout": 1.0}, "dropout"),
         ({"delay": 1.5}, "delay"),
         ({"nose": 1.0}, "nose"),
