@@ -227,27 +227,27 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
     except BrokenPipeError:  # for example from `| head`
         _discard_output()
         return 0
-    except OSError as error:
-        if error.errno not in NO_SPACE:
+    except Exception as error:  # raised again, unless it is a mistake of the user
+        text = _explained(error)
+        if not text:
             raise
+        _print_error(text)
+        return _USER_ERROR
+
+
+def _explained(error: Exception) -> str:
+    """Return the message for an error that a plugin raised, or for a full disk; empty for any other error."""
+    note = next((note for note in getattr(error, "__notes__", ()) if note.startswith(RAISED_IN)), "")
+    if note:  # with the calls in files of the user
+        own = (_PACKAGE, f"{os.sep}site-packages{os.sep}", f"{os.sep}lib{os.sep}python", "<")
+        frames = traceback.extract_tb(error.__traceback__)
+        calls = traceback.format_list([call for call in frames if not any(part in call.filename for part in own)])
+        fix = "fix it, and test it with safe_inspect.testing.check_plugin"
+        return f"{''.join(calls)}error: {type(error).__name__}: {error}; {note}; {fix}"
+    if isinstance(error, OSError) and error.errno in NO_SPACE:
         _discard_output()
-        _print_error(f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}")
-        return _USER_ERROR
-    except Exception as error:
-        raised = [note for note in getattr(error, "__notes__", ()) if note.startswith(RAISED_IN)]
-        if not raised:
-            raise
-        _print_error(_of_plugin(error, raised[0]))
-        return _USER_ERROR
-
-
-def _of_plugin(error: Exception, note: str) -> str:
-    """Return the message of an error that a plugin raised, with the calls in files of the user."""
-    own = (_PACKAGE, f"{os.sep}site-packages{os.sep}", f"{os.sep}lib{os.sep}python", "<")
-    calls = [frame for frame in traceback.extract_tb(error.__traceback__) if not any(x in frame.filename for x in own)]
-    lines = [line.rstrip() for line in traceback.format_list(calls)]
-    fix = "fix it, and test it with safe_inspect.testing.check_plugin"
-    return "\n".join([*lines, f"error: {type(error).__name__}: {error}; {note}; {fix}"])
+        return f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}"
+    return ""
 
 
 def _check_working_directory() -> None:

@@ -9,10 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from safe_inspect.dynamics import MotionLimits, RelativeOrbit
 from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.orbit.relative_orbit_row import (
+    in_hill_frame,
+    in_inertial_axes,
+    orbit_row,
+    relative_orbit_row,
+)
 from safe_inspect.errors import InitialStateError
 from safe_inspect.types import FloatArray
 
@@ -115,8 +122,8 @@ def test_an_orbit_agrees_with_an_integration_in_inertial_axes(e: float, oblate: 
     steps = round(PERIOD / STEP)
     found, _ = fly(plugin, start[None], steps, 12.0 * thrust[None], values=values)
     exact = inertial(start, e, i, perigee, anomaly, oblate, STEP * np.arange(steps + 1), thrust)
-    assert np.abs(found[:, 0, :3] - exact[:, :3]).max() < 1e-2
-    assert np.abs(found[:, 0, 3:] - exact[:, 3:]).max() < 1e-4
+    assert np.abs(found[:, 0, :3] - exact[:, :3]).max() < 1e-6
+    assert np.abs(found[:, 0, 3:] - exact[:, 3:]).max() < 1e-9
     assert np.abs(exact[:, :3]).max() > 100.0
 
 
@@ -129,12 +136,18 @@ def random_orbits(rng: np.random.Generator, rows: int, e: float) -> dict[str, Fl
     }
 
 
-@pytest.mark.parametrize("oblate", [False, True])
-@pytest.mark.parametrize("e", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize(
+    ("e", "oblate", "share"),
+    [
+        (0.0, False, 0.97), (0.0, True, 0.255), (0.01, False, 0.755), (0.01, True, 0.435), (0.1, False, 0.70),
+        (0.1, True, 0.635),
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize(("distance", "speed"), [(800.0, 2.0), (100.0, 0.2)])
 def test_a_step_departs_from_clohessy_wiltshire_within_the_bounds(
-    e: float, oblate: bool, distance: float, speed: float
+    e: float, oblate: bool, share: float, distance: float, speed: float
 ) -> None:
+    """The largest departure is not much less than the bound either: `share` of it is reached."""
     rng, rows = np.random.default_rng(7), 4000
     plugin = RelativeOrbit(eccentricity=e, oblate=oblate)
     start = np.zeros((rows, 6))
@@ -156,8 +169,7 @@ def test_a_step_departs_from_clohessy_wiltshire_within_the_bounds(
         largest = max(
             largest, np.linalg.norm(apart[:, 3:], axis=1).max(), np.linalg.norm(apart[:, :3], axis=1).max() / STEP
         )
-    assert largest <= bound
-    assert largest >= bound / 12.0, "the bound is not far from what happens"
+    assert share * bound <= largest <= bound
 
 
 def test_the_elements_oscillate_within_what_the_bounds_assume() -> None:
@@ -167,9 +179,9 @@ def test_the_elements_oscillate_within_what_the_bounds_assume() -> None:
         states, orbits = fly(RelativeOrbit(eccentricity=e), np.zeros((400, 6)), 3 * 612, values=values)
         unit = J2 * (RADIUS / (AXIS * (1.0 - e))) ** 2
         distance, momentum = orbits[..., 0], math.sqrt(MU * AXIS * (1.0 - e * e))
-        assert distance.min() > AXIS * (1.0 - e) * (1.0 - 4.5 * unit)
-        assert distance.max() < AXIS * (1.0 + e) * (1.0 + 4.5 * unit)
-        assert np.abs(orbits[..., 2] / momentum - 1.0).max() < 4.5 * unit
+        assert distance.min() > AXIS * (1.0 - e) * (1.0 - 4.1 * unit)
+        assert distance.max() < AXIS * (1.0 + e) * (1.0 + 4.1 * unit)
+        assert np.abs(orbits[..., 2] / momentum - 1.0).max() < 4.1 * unit
         assert not states.any(), "the chief remains at the origin"
 
 
@@ -191,6 +203,32 @@ def test_physics_steps_and_thrust_agree_with_one_step() -> None:
     parts, same = fly(plugin, start, 60, thrust, decimation=5)
     np.testing.assert_allclose(parts, whole, rtol=1e-7, atol=1e-7)
     np.testing.assert_allclose(same, orbit, rtol=1e-10, atol=1e-6)
+
+
+def test_a_long_step_is_integrated_in_parts() -> None:
+    plugin, start = RelativeOrbit(eccentricity=0.1), np.array([[80.0, -60.0, 20.0, 0.05, -0.1, 0.02]])
+    (steps,) = plugin(60.0)
+    assert steps.substeps == 4
+    short, orbits = fly(plugin, start, 6)
+    orbit = np.array(plugin.reset_shared({}, 1)["chief_orbit"])[0]
+    position, velocity = start[0, :3].copy(), start[0, 3:].copy()
+    relative_orbit_row(steps, orbit, position, velocity, np.zeros(3), 12.0)
+    orbit_row(steps, orbit)
+    np.testing.assert_allclose(position, short[-1, 0, :3], rtol=1e-7)
+    np.testing.assert_allclose(velocity, short[-1, 0, 3:], rtol=1e-7)
+    np.testing.assert_allclose(orbit, orbits[-1, 0], rtol=1e-9, atol=1e-12)
+
+
+def test_axes_are_turned_as_by_rotation_matrices() -> None:
+    rng = np.random.default_rng(2)
+    orbits, vectors = np.zeros((50, 6)), rng.normal(size=(50, 3))
+    orbits[:, 3:] = rng.uniform(0.0, 2.0 * math.pi, (50, 3))
+    inertial = np.zeros((50, 3))
+    in_inertial_axes(orbits, vectors, inertial)
+    for orbit, hill, found in zip(orbits, vectors, inertial, strict=True):
+        to_inertial = Rotation.from_euler("ZXZ", orbit[[5, 3, 4]])
+        np.testing.assert_allclose(found, to_inertial.apply(hill), atol=1e-12)
+        np.testing.assert_allclose(in_hill_frame(orbit, tuple(found)), hill, atol=1e-12)
 
 
 def test_elements_that_are_impossible_are_refused() -> None:

@@ -135,7 +135,8 @@ def test_a_finished_run_continues_with_a_later_limit(trained):
     stream = io.StringIO()
     again = train(resumed(run, result), stream)  # its limit is two iterations
     assert again.iteration == 3
-    assert stream.getvalue().startswith("the run has reached its limits at iteration 3; raise `stop`")
+    text = "the run has reached its limits at iteration 3; raise `stop` to continue, as in training_iteration=6\n"
+    assert stream.getvalue() == text
 
 
 def test_another_configuration_is_not_resumed(trained):

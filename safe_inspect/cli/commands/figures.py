@@ -23,7 +23,7 @@ from safe_inspect.evaluation.results.files import read_trajectories
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
-from safe_inspect.experiments.runs.recipes import has_curve, one_recipe, recipes_of
+from safe_inspect.experiments.runs.recipes import learning_curves_in, one_recipe, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.learning_curves import curves_figure
@@ -162,9 +162,10 @@ def run_curves(arguments: argparse.Namespace) -> int:
     check_ending(arguments.output, FIGURE_ENDINGS, "figure")
     runs = arguments.runs
     if len(runs) > 1 and not arguments.label:  # as in `curves output/*`
-        for run in [run for run in runs if Path(run).is_dir() and not has_curve(run)]:
+        without = [run for run in runs if Path(run).is_dir() and not learning_curves_in(run)]
+        for run in without:
             print(f"note: {run} is left out, because it has no progress.csv", file=sys.stderr)
-        runs = [run for run in runs if not Path(run).is_dir() or has_curve(run)]
+        runs = [run for run in runs if run not in without]
     recipes = recipes_of(runs, arguments.label) if runs else {}
     if arguments.label and not arguments.runs:
         raise SafeInspectError("--label needs RUNs; give them, or use --recipe LABEL RUN...")

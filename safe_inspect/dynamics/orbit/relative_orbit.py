@@ -22,7 +22,7 @@ ORBIT = "chief_orbit"
 #: Largest angle by which the chief moves in an integration step at its perigee [rad].
 _LARGEST_TURN = 0.02
 #: Bound of the relative changes of r, h and the speed by the oblateness within an orbit, in units of J2 (R / r)^2. The
-#: largest in 6,000 random orbits is 4.01, of r (`tests/dynamics`).
+#: largest in 6,000 random orbits is 4.01, that of r; this is sampled, not proved.
 _OSCILLATION = 4.5
 
 
@@ -135,11 +135,14 @@ class RelativeOrbit(Dynamics):
                 "the departure from the Clohessy-Wiltshire motion has no bound without limits of the motion"
             )
         h = math.sqrt(EARTH_GRAVITY * a)
+        # Ranges over the orbits of the angular momentum, of the radial velocity and of the rate h / r^2 of the frame.
         least, most = h * math.sqrt(1.0 - e * e) * (1.0 - wobble), h * (1.0 + wobble)
         radial = EARTH_GRAVITY / least * (e + 2.0 * wobble)
         slow, fast = least / far**2, most / near**2
+        # Gradient of gravity less that of the mean motion; rate of the frame about x, and the oblateness times r.
         tide = max(EARTH_GRAVITY / near**3 - n * n, n * n - EARTH_GRAVITY / far**3)
         tilt, bulge = 2.0 * k / (near**3 * least), 2.0 * k / near**3
+        # Differences from the mean motion of the frame's rate about z, then derivatives of the rates about z and x.
         turn = max(fast - n, n - slow)
         swing = 2.0 * most * radial / near**3 + bulge / near**2
         nod = tilt * (2.0 * fast + 3.0 * radial / near + bulge / (least * near))

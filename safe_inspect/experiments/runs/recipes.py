@@ -18,27 +18,24 @@ _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
 _TOLD = 3  # largest number of keys in a label
 
 
+def learning_curves_in(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the ``progress.csv`` of a run, or those of its trials if it is a search; empty if there are none."""
+    path = Path(folder).expanduser()
+    own = path if path.is_file() else RunFolder(path).progress
+    return [own] if own.is_file() else sorted(path.glob("trials/*/progress.csv"))
+
+
 def _progress_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the ``progress.csv`` of a run, or those of its trials if the run is a search.
 
     Raises:
         SafeInspectError: There is no ``progress.csv``.
     """
-    path = Path(folder).expanduser()
-    if path.is_file():
-        return [path]
-    own = RunFolder(path).progress
-    found = [own] if own.is_file() else sorted(path.glob("trials/*/progress.csv"))
+    path, found = Path(folder).expanduser(), learning_curves_in(folder)
     if not found:
         what = "there is no such folder" if not path.exists() else "there is no progress.csv in this folder"
         raise SafeInspectError(f"{os.fspath(folder)}: {what}; give the folder of a training run")
     return found
-
-
-def has_curve(folder: str | os.PathLike[str]) -> bool:
-    """Return whether a path is that of a learning curve, or of a folder of a run or a search with one."""
-    path = Path(folder).expanduser()
-    return path.is_file() or RunFolder(path).progress.is_file() or any(path.glob("trials/*/progress.csv"))
 
 
 def one_recipe(folder: str | os.PathLike[str]) -> list[Path]:

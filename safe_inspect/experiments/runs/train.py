@@ -88,12 +88,11 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     tune_run.check(run, settings)  # keys that only the loaded Ray knows are checked before anything is written
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
-        if start is not None and _is_over(start, settings.tune.settings["stop"]):
-            print(
-                f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue, as with "
-                f"training_iteration={start.iteration + 100}",
-                file=stream,
-            )
+        reached = [] if start is None else _reached(start, settings.tune.settings["stop"])
+        if start is not None and reached:
+            more = " ".join(f"{key}={2 * value:.16g}" for key, value in reached)
+            text = f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue"
+            print(f"{text}, as in {more}", file=stream)
             return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
         try:
             monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream)
@@ -177,11 +176,11 @@ def _open(
     return folder, found.newest
 
 
-def _is_over(start: Checkpoint, stop: Mapping[str, float]) -> bool:
-    """Return whether a checkpoint has reached a limit, as resuming a finished run would otherwise add an iteration."""
-    reached = {
+def _reached(start: Checkpoint, stop: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Return each limit that a checkpoint has reached, with its value there; resuming would add an iteration to it."""
+    values = {
         "training_iteration": start.iteration,
         "num_env_steps_sampled_lifetime": start.steps,
         "time_total_s": start.seconds,
     }
-    return any(reached[key] >= limit for key, limit in stop.items() if key in reached)
+    return [(key, values[key]) for key, limit in stop.items() if key in values and values[key] >= limit]

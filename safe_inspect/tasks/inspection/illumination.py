@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
-from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate, PositiveLength, RightAngle
+from safe_inspect.units import ElevationAngle, Length, NonNegativeLength, PositiveAngularRate, PositiveLength
 
 
 class LightProperties(BaseModel):
@@ -64,7 +64,7 @@ class IlluminationParams(BaseModel):
     mean_motion: PositiveAngularRate = 0.001027
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     eclipse: bool = False
-    beta_angle: RightAngle | None = None
+    beta_angle: ElevationAngle | None = None
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True

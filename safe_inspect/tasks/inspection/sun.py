@@ -19,7 +19,7 @@ from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import PositiveAngularRate, PositiveLength, RightAngle
+from safe_inspect.units import ElevationAngle, PositiveAngularRate, PositiveLength
 
 #: The array of the direction of the light, with `Sun.eclipse`.
 LIGHT = "light_direction"
@@ -153,7 +153,7 @@ class Sun(Component):
     rate: PositiveAngularRate = 0.001027
     eclipse: bool = False
     distance: PositiveLength = 150e9
-    beta_angle: RightAngle | None = None
+    beta_angle: ElevationAngle | None = None
 
     @property
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
