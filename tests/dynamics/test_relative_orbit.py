@@ -147,7 +147,7 @@ def random_orbits(rng: np.random.Generator, rows: int, e: float) -> dict[str, Fl
 def test_a_step_departs_from_clohessy_wiltshire_within_the_bounds(
     e: float, oblate: bool, share: float, distance: float, speed: float
 ) -> None:
-    """The largest departure is not much less than the bound either: `share` of it is reached."""
+    """`share` of the bound is reached; much more or less than that, and a term of the bound is missing or too large."""
     rng, rows = np.random.default_rng(7), 4000
     plugin = RelativeOrbit(eccentricity=e, oblate=oblate)
     start = np.zeros((rows, 6))
@@ -169,7 +169,7 @@ def test_a_step_departs_from_clohessy_wiltshire_within_the_bounds(
         largest = max(
             largest, np.linalg.norm(apart[:, 3:], axis=1).max(), np.linalg.norm(apart[:, :3], axis=1).max() / STEP
         )
-    assert share * bound <= largest <= bound
+    assert share * bound <= largest <= min(share + 0.02, 1.0) * bound
 
 
 def test_the_elements_oscillate_within_what_the_bounds_assume() -> None:
