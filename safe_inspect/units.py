@@ -8,8 +8,9 @@ The value is converted once, when the field is validated.
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -59,6 +60,10 @@ _SPELLINGS: dict[str, tuple[str, float, tuple[str, ...]]] = {
     "rad/s^2": ("rad/s^2", 1.0, ("rad/s**2", "rad/s2")),
     "deg/s^2": ("rad/s^2", math.pi / 180.0, ("deg/s**2", "deg/s2")),
     "deg/s": ("rad/s", math.pi / 180.0, ("degrees/second", "degree/second")),
+    "N s": ("N s", 1.0, ("Ns", "N*s", "newton seconds")),
+    "mN s": ("N s", 1e-3, ("mNs", "mN*s")),
+    "m^2/kg": ("m^2/kg", 1.0, ("m2/kg", "m**2/kg")),
+    "kg/m^3": ("kg/m^3", 1.0, ("kg/m3", "kg/m**3")),
     "N m": ("N m", 1.0, ("Nm", "N*m", "newton meters")),
     "kg m^2": ("kg m^2", 1.0, ("kg*m^2", "kg m2")),
     "1": ("", 1.0, ("", "-", "dimensionless", "none", "N/A", "n/a")),
@@ -129,16 +134,32 @@ def _describe(symbol: str) -> str:
     names = {
         "m": "length", "s": "time", "rad": "angle", "kg": "mass", "N": "force", "Hz": "frequency",
         "m/s": "speed", "m/s^2": "acceleration", "rad/s": "angular rate", "rad/s^2": "angular acceleration",
-        "N m": "torque", "kg m^2": "moment of inertia", "": "a pure number",
+        "N m": "torque", "kg m^2": "moment of inertia", "": "a pure number", "N s": "impulse",
+        "m^2/kg": "area per mass", "kg/m^3": "density",
     }  # fmt: skip
     return names.get(symbol, symbol)
+
+
+#: How a number must compare with each kind of limit, and the words for it.
+_LIMITS: dict[str, tuple[Callable[[float, float], bool], str]] = {
+    "gt": (operator.gt, "above {}"),
+    "ge": (operator.ge, "of {} or more"),
+    "lt": (operator.lt, "below {}"),
+    "le": (operator.le, "of {} or less"),
+}
 
 
 def quantity(symbol: str, **limits: Any) -> Any:
     """Return a field type: a float in the SI unit `symbol`, within the limits (`gt`, `ge`, `lt`, `le`)."""
 
     def convert(value: Any) -> Any:
-        return to_si(value, symbol)
+        number = to_si(value, symbol)
+        if symbol == "rad" and isinstance(number, int | float) and isinstance(value, str | Mapping):
+            for name, (inside, text) in _LIMITS.items():
+                if name in limits and not inside(number, limits[name]):
+                    most, given = math.degrees(limits[name]), math.degrees(number)
+                    raise UnitError(f"expected an angle {text.format(f'{most:g} deg')}, got {given:g} deg")
+        return number
 
     return Annotated[
         float,
@@ -155,6 +176,12 @@ NonNegativeSpeed = quantity("m/s", ge=0)
 PositiveSpeed = quantity("m/s", gt=0)
 Angle = quantity("rad")
 NonNegativeAngle = quantity("rad", ge=0)
+#: Angle between two directions, at most 180 degrees.
+PolarAngle = quantity("rad", ge=0, le=math.pi)
+#: Angle of an error, at most 90 degrees.
+ErrorAngle = quantity("rad", ge=0, le=0.5 * math.pi)
+#: Angle of an error, less than 45 degrees.
+SmallAngle = quantity("rad", ge=0, lt=0.25 * math.pi)
 ElevationAngle = quantity("rad", ge=-0.5 * math.pi, le=0.5 * math.pi)
 AngularRate = quantity("rad/s")
 PositiveAngularRate = quantity("rad/s", gt=0)
@@ -166,6 +193,10 @@ PositiveMomentOfInertia = quantity("kg m^2", gt=0)
 Torque = quantity("N m")
 PositiveDuration = quantity("s", gt=0)
 NonNegativeDuration = quantity("s", ge=0)
+NonNegativeMass = quantity("kg", ge=0)
+NonNegativeImpulse = quantity("N s", ge=0)
+NonNegativeAreaPerMass = quantity("m^2/kg", ge=0)
+NonNegativeDensity = quantity("kg/m^3", ge=0)
 PositiveMass = quantity("kg", gt=0)
 Force = quantity("N")
 PositiveForce = quantity("N", gt=0)

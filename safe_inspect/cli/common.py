@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import io
 import os
 import re
 import signal
@@ -16,6 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+from safe_inspect.cli.streams import discard_output, lasting_streams, print_error, shortened
 from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
@@ -66,13 +66,14 @@ class Parser(argparse.ArgumentParser):
             near = did_you_mean(word, known) if word.startswith("--") else "known: --help, --version"
             self.error(f"unrecognized arguments: {word}; {near}")
 
-    def error(self, message: str) -> NoReturn:
-        """Print the mistake and a reference to the help, and exit."""
+    def error(self, message: str, command: str = "") -> NoReturn:
+        """Print the mistake and a reference to the help, of a subcommand if it is given, and exit."""
         mistyped = re.fullmatch(r"argument COMMAND: invalid choice: '(.*?)' \(choose from (.*)\)", message)
         if mistyped:
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
             message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
-        self.exit(_USER_ERROR, f"error: {_shortened(message)}; see `{self.prog} --help`\n")
+        named = f"{self.prog} {command}" if command and self.has_commands else self.prog
+        self.exit(_USER_ERROR, f"error: {shortened(message)}; see `{named} --help`\n")
 
 
 def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
@@ -112,11 +113,14 @@ def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Name
         hint = f"; {near}" if near.startswith("did you mean") else ""
         if unknown[0].startswith("--override"):
             hint = "; write only KEY=VALUE"
-        elif not hint and "=" in unknown[0] and hasattr(arguments, "overrides"):
-            hint = f"; to override a value, write {unknown[0].lstrip('-')} without dashes"
+        elif unknown[0].partition("=")[0] == "--policy" and not hint:
+            hint = "; write the name of the policy, or its file or folder, without --policy"
+        elif not hint and unknown[0].startswith("--") and hasattr(arguments, "overrides"):
+            key, _, value = unknown[0].lstrip("-").partition("=")
+            hint = f"; to override a value, write {key}={value or 'VALUE'} without dashes"
         elif not is_option(unknown[0]):
             hint = f"; {equals_hint(unknown[0])}"
-        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}", getattr(arguments, "command", ""))
     return arguments
 
 
@@ -207,31 +211,25 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
         parser: Parser of the command line.
         argv: Words of the command line. Default: those of the process.
     """
-    _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal cannot print a name with an umlaut
-            stream.reconfigure(errors="backslashreplace")
     try:
-        with handled(), _plain_warnings():
+        with handled(), _plain_warnings(), lasting_streams():
             arguments = parse_arguments(parser, argv)
             _check_working_directory()
             code: int = arguments.run(arguments)
-            sys.stdout.flush()
             return code
     except SafeInspectError as error:
-        _print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
+        print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
         return _USER_ERROR
     except KeyboardInterrupt as stop:
-        _print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
+        print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
         return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
-    except BrokenPipeError:  # for example from `| head`
-        _discard_output()
+    except BrokenPipeError:  # the reader of standard error has left
         return 0
     except Exception as error:  # raised again, unless it is a mistake of the user
         text = _explained(error)
         if not text:
             raise
-        _print_error(text)
+        print_error(text)
         return _USER_ERROR
 
 
@@ -245,7 +243,7 @@ def _explained(error: Exception) -> str:
         fix = "fix it, and test it with safe_inspect.testing.check_plugin"
         return f"{''.join(calls)}error: {type(error).__name__}: {error}; {note}; {fix}"
     if isinstance(error, OSError) and error.errno in NO_SPACE:
-        _discard_output()
+        discard_output()
         return f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}"
     return ""
 
@@ -276,27 +274,4 @@ def _plain_warnings() -> Iterator[None]:
 def print_doubts(doubts: Iterable[Problem]) -> None:
     """Print permitted settings that may be mistakes to standard error, one per line."""
     for doubt in doubts:
-        _print_error(f"warning: {doubt}")
-
-
-def _open_closed_streams() -> None:
-    """Discard what is printed to a closed standard output or error, whose descriptor no other file may get."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-
-
-def _print_error(text: str) -> None:
-    with suppress(OSError):  # the reader may be gone
-        print(_shortened(text), file=sys.stderr)
-
-
-def _shortened(text: str) -> str:
-    """Return a message without words of a thousand letters or more, such as the digits of a number."""
-    return re.sub(r"\S{1000,}", lambda word: f"{word[0][:57]}...", text)
-
-
-def _discard_output() -> None:
-    """Discard buffered output, because Python would write it at exit and report an error."""
-    with suppress(OSError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print_error(f"warning: {doubt}")

@@ -51,7 +51,7 @@ _COMMANDS = {
     "train": _Command(
         "train", "train a policy; the same as python -m safe_inspect.train_rl",
         "Progress, checkpoints, progress.csv and TensorBoard logs go to a new run folder.",
-        "safe-inspect train configs/docking/experiment.yml lr=1e-4",
+        "safe-inspect train configs/docking/experiment-recipe.yml lr=1e-4",
     ),
     "warm": _Command(
         "warm", "compile ahead what environments need, for a container image or CI",

@@ -35,6 +35,8 @@ def digest_of(package: Path = PACKAGE) -> str:
     """Return a digest of all files of a package that define compiled functions."""
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
+        if "__pycache__" in path.relative_to(package).parts:  # generated sources, which another process may remove
+            continue
         source = path.read_bytes()
         if b"@njit" in source:
             digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source)

@@ -60,10 +60,14 @@ def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
 
 
 def learning_keys(tree: Any) -> set[str]:
-    """Return the keys of RLlib, Tune and Ray that are permitted in an experiment; none for other trees."""
+    """Return the keys of RLlib, Tune and Ray that are permitted in an experiment, and their other names.
+
+    Other trees than experiments have none.
+    """
     if not isinstance(value_at(tree, _TASK), Mapping):
         return set()
-    return {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
+    keys = {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
+    return {name for key in keys for name in spellings(key)}
 
 
 def spellings(key: str) -> Iterator[str]:

@@ -16,9 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import ArraySpec, FloatArray
-from safe_inspect.units import NonNegativeAngle, NonNegativeLength, NonNegativeSpeed
-
-_LARGEST_ANGLE = 0.5 * math.pi
+from safe_inspect.units import ErrorAngle, NonNegativeLength, NonNegativeSpeed
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class DisturbanceBounds(BaseModel):
     position_error: NonNegativeLength = 0.0
     velocity_error: NonNegativeSpeed = 0.0
     thrust_gain: float = Field(default=0.0, ge=0.0, lt=1.0, allow_inf_nan=False)
-    thrust_direction: NonNegativeAngle = Field(default=0.0, le=_LARGEST_ANGLE)
+    thrust_direction: ErrorAngle = 0.0
 
     @property
     def bounds(self) -> tuple[float, float, float, float, float]:
@@ -137,6 +135,11 @@ class Dynamics(Plugin):
         """Whether the thrust, the first three elements of the control, is given in body axes. False by default."""
         return False
 
+    @property
+    def allowed(self) -> Mapping[str, tuple[float, float]]:
+        """Smallest and largest allowed value, in SI, by the name of a reset parameter. Empty by default."""
+        return {}
+
     @abstractmethod
     def __call__(self, step_size: float) -> tuple[Any, ...]:
         """Return the first arguments of the row kernel: arrays and numbers.
@@ -155,6 +158,17 @@ class Dynamics(Plugin):
         Args:
             values: The reset parameters and states that were drawn, by name, each with R rows.
             rows: Number of environments, R.
+        """
+        return {}
+
+    def initial_figures(self, shared: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """Return figures of the environment that evaluations list among the initial states; empty by default.
+
+        Args:
+            shared: The arrays of the environment at the start of the episodes, by name, each of shape (N, ...).
+
+        Returns:
+            Figures in SI by name, such as ``eccentricity``, each of shape (N,).
         """
         return {}
 

@@ -47,6 +47,7 @@ class EpisodeCollector:
             "position": state.position[:, :deputies].copy(),
             "velocity": state.velocity[:, :deputies].copy(),
         }
+        self._initial_states |= environment.simulation.initial_figures()
         self._initial_states |= {name: state[name].copy() for component in components for name in component.recorded}
         self._rows: IntArray = np.arange(rows)
         self._closest = environment.team().distance.min(axis=1) if deputies > 1 else None

@@ -62,11 +62,7 @@ def build(kind: str, value: Any) -> Plugin:
         raise _error(f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")
     key = name_key(kind)
     known = {key, "name", "config", "wrapped"}
-    problems = [
-        _problem((str(other),), f"unknown key; {did_you_mean(str(other), known | {'references'})}")
-        for other in value
-        if other not in known
-    ]
+    problems = []
     cls: type[Plugin] | None = None
     if key not in value:
         problems.append(_problem((), f"a {kind} needs the key `{key}`, the name of its class"))
@@ -77,6 +73,11 @@ def build(kind: str, value: Any) -> Plugin:
             cls = registry.get(kind, value[key])
         except RegistryError as error:
             problems.append(_problem((key,), str(error)))
+    for other in (str(given) for given in value if given not in known):
+        hint = did_you_mean(other, known | {"references"})
+        if cls is not None and other in cls.model_fields:
+            hint = f"it is a field of {cls.registered_name}: write `config: {{{other}: ...}}`"
+        problems.append(_problem((other,), f"unknown key; {hint}"))
     config = value.get("config") or {}
     if not isinstance(config, Mapping):
         problems.append(_problem(("config",), f"`config` must be a mapping of the {kind}'s fields, not {config!r}"))
@@ -140,6 +141,27 @@ def functor_field(kind: str) -> Any:
         BeforeValidator(convert, json_schema_input_type=dict[str, Any]),
         PlainSerializer(describe, return_type=dict[str, Any]),
         WithJsonSchema({"type": "object", SCHEMA_KIND: kind}),
+    ]
+
+
+def functors_field(kind: str) -> Any:
+    """Return a field type for a tuple of plugins of that kind, which a configuration gives as one, a list, or null."""
+
+    def convert(value: Any) -> Any:
+        if value is None:
+            return ()
+        return value if isinstance(value, list | tuple) else (build(kind, value),)
+
+    def dump(plugins: tuple[Plugin, ...]) -> Any:
+        described = [describe(plugin) for plugin in plugins]
+        return described if len(described) > 1 else next(iter(described), None)
+
+    element, one = functor_field(kind), {"type": "object", SCHEMA_KIND: kind}
+    return Annotated[
+        tuple[element, ...],  # type: ignore[valid-type]
+        BeforeValidator(convert),
+        PlainSerializer(dump),
+        WithJsonSchema({"anyOf": [one, {"type": "array", "items": one}, {"type": "null"}]}),
     ]
 
 

@@ -35,11 +35,18 @@ class Component(Plugin):
             component's name; empty if it has no such entry.
         parameters: SI unit by the name of each reset parameter that the component reads if the configuration gives it;
             None for a mapping of states.
+        optional_parameters: Condition under which the component reads a reset parameter, by its name, for messages.
     """
 
     kind: ClassVar[str] = "component"
     entity: ClassVar[Mapping[str, EntityParameter]] = {}
     parameters: ClassVar[Mapping[str, str | None]] = {}
+    optional_parameters: ClassVar[Mapping[str, str]] = {}
+
+    @property
+    def allowed(self) -> Mapping[str, tuple[float, float]]:
+        """Smallest and largest allowed value, in SI, by the name of a reset parameter. Empty by default."""
+        return {}
 
     @abstractmethod
     def __call__(self, world: World, num_envs: int) -> RunningComponent:

@@ -98,7 +98,7 @@ class Simulation:
         ]
         physics_step = step_size / decimation
         self._of_body, self._shared = tuple(dynamics.arrays), tuple(dynamics.shared)
-        self._reset_shared = dynamics.reset_shared
+        self._reset_shared, self._figures = dynamics.reset_shared, dynamics.initial_figures
         self._initial, self._turns_thrust = dynamics.initial(), dynamics.turns_thrust
         self._advance = advance_kernel(dynamics, physics_step, traced=dynamics.traced)
         self._parameters = dynamics(physics_step)
@@ -188,6 +188,10 @@ class Simulation:
         self.running[rows] = True
         self.views = self._views(self.state)  # values cached in the old views are out of date
         return fresh
+
+    def initial_figures(self) -> dict[str, FloatArray]:
+        """Return the figures of the environments that the dynamics define, for episodes that have just started."""
+        return dict(self._figures({name: self.state[name] for name in self._shared}))
 
     def _draw_initial_states(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
         """Return an initial state for each of the given rows, and the statistics of its draw."""

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
-from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.functor import functor_field, functors_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.protocols import DeclaresMemory
@@ -24,15 +24,15 @@ class Simulator(Plugin):
 
     Attributes:
         decimation: Number of physics steps in a step of the agents.
-        disturbance: A component that disturbs the motion, the thrust or the estimated states, such as
-            `BoundedDisturbance`; it is called before those of the task. None: the motion is exactly that of the
-            dynamics.
+        disturbance: A component, or a list of components, that disturb the motion, the thrust or the estimated states,
+            such as `BoundedDisturbance` and `ThrusterModel`; they are called before those of the task, in this order.
+            None: the motion is exactly that of the dynamics.
     """
 
     kind: ClassVar[str] = "simulator"
 
     decimation: int = Field(default=1, ge=1)
-    disturbance: functor_field("component") | None = None  # type: ignore[valid-type]
+    disturbance: functors_field("component") = ()  # type: ignore[valid-type]
 
     @abstractmethod
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
@@ -83,7 +83,7 @@ class Simulator(Plugin):
         dynamics, components = self.compose()
         return Simulation(
             dynamics,
-            components if self.disturbance is None else (self.disturbance, *components),
+            (*self.disturbance, *components),
             masses=masses,
             groups=groups,
             reset=reset,

@@ -1,6 +1,8 @@
 """Components of the tasks, and the simulators composed of them. Importing this package registers their plugins."""
 
 from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.disturbances.solar_pressure import SolarPressure
+from safe_inspect.tasks.disturbances.thruster_model import ThrusterModel
 from safe_inspect.tasks.docking.initializer import Docking3DRadialInitializer
 from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
 from safe_inspect.tasks.docking.simulator import CWHSimulator
@@ -22,8 +24,10 @@ __all__ = [
     "FuelPriceSchedule",
     "InspectionPoints",
     "InspectionSimulator",
+    "SolarPressure",
     "SpeedLimitMonitor",
     "Sun",
+    "ThrusterModel",
     "TumbleParameter",
     "TumblingTarget",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import subprocess
 import sys
 import warnings
 from collections.abc import Callable
@@ -109,7 +110,7 @@ def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
         (["validate"], "no experiment: give an experiment file; see"),
         (["validate", "x.yml", "y.yml"], "unrecognized arguments: y.yml; write an override as KEY=VALUE; see"),
         (["validate", "x.yml", "a:1"], "unrecognized arguments: a:1; did you mean `a=1`?; see"),
-        (["validate", "x.yml", "--sed"], "unrecognized arguments: --sed; see"),
+        (["validate", "x.yml", "--sed"], "unrecognized arguments: --sed; to override"),
         (["validate", "x.yml", "--cgf", "y"], "unrecognized arguments: --cgf; did you mean `--cfg`?; see"),
         (["validate", "x.yml", "--override", "a=1"], "unrecognized arguments: --override; write only KEY=VALUE; see"),
         (
@@ -171,7 +172,7 @@ def test_the_exit_code_says_how_a_command_ended(
     code: int,
     shown: str,
 ) -> None:
-    monkeypatch.setattr(common, "_discard_output", lambda: None)
+    monkeypatch.setattr(common, "discard_output", lambda: None)
 
     def run(_: argparse.Namespace) -> int:
         if error is not None:
@@ -207,15 +208,31 @@ def test_a_fault_of_the_program_keeps_its_traceback(error: Exception) -> None:
         run_command(_parser(run), [])
 
 
-def test_a_reader_that_leaves_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    discarded = []
-    monkeypatch.setattr(common, "_discard_output", lambda: discarded.append(True))
-
-    def run(_: argparse.Namespace) -> int:
-        raise BrokenPipeError
-
-    assert run_command(_parser(run), []) == 0
-    assert discarded == [True]
+@pytest.mark.parametrize("lines", [3, 30_000])
+def test_a_command_completes_although_its_reader_leaves(tmp_path: Path, lines: int) -> None:
+    """As with `| head -1`: what it writes after printing is not lost, and nothing is reported."""
+    code = (
+        "import argparse, sys, time\n"
+        "from pathlib import Path\n"
+        "from safe_inspect.cli.common import Parser, run_command\n"
+        "def run(arguments):\n"
+        f"    for line in range({lines}): print('line', line, flush=line < 2)\n"
+        "    time.sleep(0.3)\n"
+        "    print('more', flush=True)\n"
+        "    Path('results.txt').write_text('all')\n"
+        "    return 3\n"
+        "parser = Parser()\n"
+        "parser.set_defaults(run=run)\n"
+        "sys.exit(run_command(parser, []))\n"
+    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "cwd": tmp_path}
+    with subprocess.Popen([sys.executable, "-c", code], **pipes) as process:
+        assert process.stdout.readline() == b"line 0\n"
+        process.stdout.close()
+        said = process.stderr.read()
+        assert process.wait(60) == 3
+    assert said == b""
+    assert (tmp_path / "results.txt").read_text() == "all"
 
 
 def test_streams_that_are_closed_take_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from safe_inspect.dynamics import MotionLimits, RelativeOrbit
+from safe_inspect.dynamics import Drag, MotionLimits, RelativeOrbit
 from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.orbit.relative_orbit_row import (
@@ -86,9 +86,17 @@ def frame_rate(r: FloatArray, v: FloatArray, oblate: bool) -> FloatArray:
     return np.asarray(h / (r @ r) + about_x * axes[0])
 
 
+def drag(x: FloatArray, v: FloatArray, air: Drag | None, coefficient: float) -> FloatArray:
+    """Return the acceleration by drag in an atmosphere at rest."""
+    if air is None:
+        return np.zeros(3)
+    density = air.density * math.exp(-(np.linalg.norm(x) - AXIS) / air.scale_height)
+    return np.asarray(-0.5 * density * coefficient * np.linalg.norm(v) * v)
+
+
 def inertial(
     start: FloatArray, e: float, i: float, perigee: float, anomaly: float, oblate: bool, times: FloatArray,
-    thrust: FloatArray,
+    thrust: FloatArray, air: Drag | None = None,
 ) -> FloatArray:  # fmt: skip
     """Return the deputy's states in Hill's frame (T, 6) by an integration of both bodies in inertial axes."""
     r, v = elements(e, i, perigee, anomaly)
@@ -98,7 +106,9 @@ def inertial(
 
     def rates(_: float, x: FloatArray) -> FloatArray:
         push = hill_axes(x[:3], x[3:6]).T @ thrust
-        return np.concatenate((x[3:6], gravity(x[:3], oblate), x[9:], gravity(x[6:9], oblate) + push))
+        slowed = drag(x[:3], x[3:6], air, air.chief if air else 0.0)
+        push = push + drag(x[6:9], x[9:], air, air.deputy if air else 0.0)
+        return np.concatenate((x[3:6], gravity(x[:3], oblate) + slowed, x[9:], gravity(x[6:9], oblate) + push))
 
     found = solve_ivp(rates, (0.0, times[-1]), first, "DOP853", times, rtol=1e-13, atol=1e-9).y.T
     states = []
@@ -111,17 +121,19 @@ def inertial(
 
 @pytest.mark.parametrize("oblate", [False, True])
 @pytest.mark.parametrize("e", [0.0, 0.02, 0.1])
-@pytest.mark.parametrize("push", [0.0, 2e-5])
-def test_an_orbit_agrees_with_an_integration_in_inertial_axes(e: float, oblate: bool, push: float) -> None:
+@pytest.mark.parametrize(("push", "air"), [(0.0, None), (2e-5, None), (0.0, Drag(density=2e-11, scale_height=3e5))])
+def test_an_orbit_agrees_with_an_integration_in_inertial_axes(
+    e: float, oblate: bool, push: float, air: Drag | None
+) -> None:
     rng = np.random.default_rng(int(100 * e) + oblate)
     i, perigee, anomaly = rng.uniform(0.1, 3.0), rng.uniform(0.0, 6.2), rng.uniform(0.0, 6.2)
     start = np.concatenate((rng.normal(size=3) * 50.0, rng.normal(size=3) * 0.02))
     thrust = rng.normal(size=3) * push
-    plugin = RelativeOrbit(eccentricity=max(e, 0.1), oblate=oblate)
+    plugin = RelativeOrbit(eccentricity=max(e, 0.1), oblate=oblate, drag=air)
     values = {"eccentricity": e, "inclination": i, "argument_of_perigee": perigee, "true_anomaly": anomaly}
     steps = round(PERIOD / STEP)
     found, _ = fly(plugin, start[None], steps, 12.0 * thrust[None], values=values)
-    exact = inertial(start, e, i, perigee, anomaly, oblate, STEP * np.arange(steps + 1), thrust)
+    exact = inertial(start, e, i, perigee, anomaly, oblate, STEP * np.arange(steps + 1), thrust, air)
     assert np.abs(found[:, 0, :3] - exact[:, :3]).max() < 1e-6
     assert np.abs(found[:, 0, 3:] - exact[:, 3:]).max() < 1e-9
     assert np.abs(exact[:, :3]).max() > 100.0
@@ -137,21 +149,25 @@ def random_orbits(rng: np.random.Generator, rows: int, e: float) -> dict[str, Fl
 
 
 @pytest.mark.parametrize(
-    ("e", "oblate", "share"),
+    ("e", "oblate", "air", "share"),
     [
-        (0.0, False, 0.97), (0.0, True, 0.255), (0.01, False, 0.755), (0.01, True, 0.435), (0.1, False, 0.70),
-        (0.1, True, 0.635),
+        (0.0, False, None, 0.97), (0.0, True, None, 0.255), (0.01, False, None, 0.755), (0.01, True, None, 0.435),
+        (0.1, False, None, 0.70), (0.1, True, None, 0.635),
+        (0.0, False, Drag(density=1e-8, deputy=0.02, chief=0.01), 0.945),
+        (0.0, False, Drag(density=1e-8, deputy=0.01, chief=0.01), 0.915),
+        (0.01, False, Drag(density=1e-8, deputy=0.01, chief=0.02), 0.935),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize(("distance", "speed"), [(800.0, 2.0), (100.0, 0.2)])
 def test_a_step_departs_from_clohessy_wiltshire_within_the_bounds(
-    e: float, oblate: bool, share: float, distance: float, speed: float
+    e: float, oblate: bool, air: Drag | None, share: float, distance: float, speed: float
 ) -> None:
     """`share` of the bound is reached; much more or less than that, and a term of the bound is missing or too large."""
     rng, rows = np.random.default_rng(7), 4000
-    plugin = RelativeOrbit(eccentricity=e, oblate=oblate)
+    plugin = RelativeOrbit(eccentricity=e, oblate=oblate, drag=air)
     start = np.zeros((rows, 6))
-    _, orbits = fly(plugin, start, 200, values=random_orbits(rng, rows, e))  # the elements vary along an orbit
+    undamped = RelativeOrbit(eccentricity=e, oblate=oblate)  # the elements vary along an orbit, but do not decay
+    _, orbits = fly(undamped, start, 200, values=random_orbits(rng, rows, e))
     place, way = rng.normal(size=(2, rows, 3))
     start[:, :3] = distance * place / np.linalg.norm(place, axis=1, keepdims=True)
     start[:, 3:] = speed * way / np.linalg.norm(way, axis=1, keepdims=True)

@@ -91,16 +91,18 @@ def test_machine_code_of_the_last_states_of_the_sources_is_kept(home: Path) -> N
 
 def test_the_digest_is_that_of_all_files_with_kernels(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
+    (tmp_path / "__pycache__").mkdir()
     digests = []
     for name, text in (
         ("kernel.py", "@njit\ndef f(): ...\n"),
         ("inner/plain.py", "def g(): ...\n"),
+        ("__pycache__/generated.py", "@njit\ndef g(): ...\n"),
         ("inner/other.py", "@njit\ndef h(): ...\n"),
         ("inner/other.py", "@njit\ndef h(): return 1\n"),
     ):
         (tmp_path / name).write_text(text, encoding="utf-8")
         digests.append(folders.digest_of.__wrapped__(tmp_path))
-    assert digests[0] == digests[1]
+    assert digests[0] == digests[1] == digests[2]
     assert len(set(digests)) == 3
 
 

@@ -95,7 +95,7 @@ class _Without:
         ("mission.wait_limit=1e9 s", "mission: wait_limit (1e+09 s) is more than 1,000 times wait_step (1 s)"),
         ("mission.hold_limit=1e300 s", "mission: hold_limit: 1e+300 s is more than 5,000 control steps"),
         ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
-        ("chaser.limits.cone=200 deg", "chaser.limits.cone: expected a number of 3.14159265358979 or less"),
+        ("chaser.limits.cone=200 deg", "chaser.limits.cone: expected an angle of 180 deg or less, got 200 deg"),
         ("target={functor: MeshTarget, config: {path: FILES/text}}", "text: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.ply}}", "bad.ply: the mesh cannot be read"),
         ("target={functor: MeshTarget, config: {path: FILES/bad.obj}}", "bad.obj: the mesh cannot be read"),

@@ -114,7 +114,7 @@ def test_sensors_read_the_estimates_and_done_functions_the_truth():
 
 def test_without_a_disturbance_nothing_is_added():
     env = environment(2)
-    assert env.spec.simulator.disturbance is None
+    assert env.spec.simulator.disturbance == ()
     assert "estimated_position" not in env.state.arrays
 
 

@@ -14,8 +14,10 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import RelativeOrbit
 from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ConfigError, SafeInspectError
+from safe_inspect.evaluation.collector import EpisodeCollector
 from safe_inspect.evaluation.task import default_metrics
+from safe_inspect.random.streams import Streams
 from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
 
@@ -163,3 +165,49 @@ def test_metrics_leave_the_sun_constraint_out_where_the_sun_leaves_the_plane() -
         return {metric.label for metric in default_metrics(spec)}
 
     assert labels() - labels("illumination_params.beta_angle=10 deg") == {"phi sun"}
+
+
+RANDOM = "burn-and-coast-orbits"
+_RESET = "config.config.env_config.simulator_reset_parameters"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("eccentricity.config.high=0.0101", r"it is between 0 and 0\.0101, but RelativeOrbit allows 0 to 0\.01"),
+        ("eccentricity.config.low=-0.001", r"eccentricity: it is between -0\.001 and 0\.01, but"),
+        ("eccentricity={type: TruncatedNormalParameter, config: {std: 0.001}}", r"between -inf and inf, but"),
+        ("eccentricity={type: ConstantParameter, config: {value: 0.02}}", r"between 0\.02 and 0\.02, but"),
+        ("eccentricity.config.units=m", r"eccentricity\.config\.units: 'eccentricity' is a number without a unit"),
+        ("inclination.config={high: 98}", r"98 rad, but .* 0 to 3\.14159 rad; are `units: deg` missing"),
+        ("true_anomaly.config.high=400", r"true_anomaly: it is between 0 and 6\.98132 rad, but .*; change one of them"),
+        ("beta_angle.config={low: -95.0, units: deg, high: 0}", r"but Sun allows -1\.5708 to 1\.5708 rad"),
+    ],
+)  # fmt: skip
+def test_ranges_of_reset_parameters_are_checked_when_the_file_is_read(given: str, said: str) -> None:
+    path = configs_root() / "translational-inspection" / f"experiment-{RANDOM}.yml"
+    with pytest.raises(ConfigError, match=said):
+        load_experiment(path, [f"{_RESET}.{given}"])
+
+
+def test_a_reset_parameter_that_needs_a_field_names_it() -> None:
+    path = configs_root() / "translational-inspection" / "experiment.yml"
+    given = "{type: UniformParameter, config: {low: 0.0, high: 0.01}}"
+    with pytest.raises(ConfigError) as raised:
+        load_experiment(path, [f"{_RESET}.beta_angle={given}", f"{_RESET}.eccentricity={given}"])
+    assert "'beta_angle'; Sun uses it if its `beta_angle` is set, as by `illumination_params`" in str(raised.value)
+    assert "'eccentricity'; the dynamics RelativeOrbit use it" in str(raised.value)
+
+
+def test_evaluations_list_the_elements_of_the_orbits() -> None:
+    spec = load_experiment(configs_root() / "translational-inspection" / f"experiment-{RANDOM}.yml", []).spec
+    env = TeamEnvironment(spec, 64, seed=3)
+    env.reset()
+    figures = env.simulation.initial_figures()
+    expected = {name: env.simulation._reset_plan.draw(Streams(3, np.arange(64), np.zeros(64, np.int64)))[1][name]
+                for name in figures}  # fmt: skip
+    assert list(figures) == ["eccentricity", "inclination", "argument_of_perigee", "true_anomaly"]
+    for name, values in figures.items():
+        np.testing.assert_allclose(values, expected[name], rtol=1e-7, atol=1e-12)
+    collected = EpisodeCollector(env)._initial_states
+    assert set(figures) < set(collected)

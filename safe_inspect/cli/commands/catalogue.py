@@ -26,7 +26,7 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import RendezvousConfig, is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.scenario import check_scenario
-from safe_inspect.task_ids import ALL_TASKS, TEAM_TASKS
+from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES, TEAM_TASKS
 
 #: The model of each kind of file with a schema.
 _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
@@ -82,7 +82,8 @@ def _tasks() -> str:
         head = re.match(r"(#.*\n)+", path.read_text(encoding="utf-8"))
         about = re.split(r"\.\s", head[0].replace("\n#", "").lstrip("# "))[0] if head else ""
         agents = "several agents: safe_inspect.make_parallel" if name in TEAM_TASKS else "gymnasium.make"
-        blocks.append(f"{name}  ({agents})\n    configs/{file}\n    {about}")
+        place = " ".join((f"configs/{file}", *TASK_OVERRIDES.get(name, ())))
+        blocks.append(f"{name}  ({agents})\n    {place}\n    {about}")
     return "\n".join(blocks)
 
 

@@ -97,8 +97,7 @@ def _dry_run(experiment: Experiment, steps: int = 20) -> str:
     lines = [
         f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
     ]
-    disturbance = experiment.spec.simulator.disturbance
-    if disturbance is not None:
+    for disturbance in experiment.spec.simulator.disturbance:
         lines.append(f"disturbance: {disturbance.registered_name}, {_fields(disturbance)}")
     for group in environment.groups:
         lines += _describe(group)

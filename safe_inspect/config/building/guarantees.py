@@ -160,7 +160,7 @@ def _check_motion(
     if getattr(plugin, "method", None) == "continuous":
         return
     dynamics, components = simulator.compose()
-    sources: list[Any] = [*([simulator.disturbance] if simulator.disturbance else ()), *components]
+    sources: list[Any] = [*simulator.disturbance, *components]
     if isinstance(plugin, TaskParameters):  # the assumptions of other filters are not known
         sources.append(dynamics)
     kept, bounds = _kept(plugin), getattr(plugin, "disturbance", None)

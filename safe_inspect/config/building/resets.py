@@ -8,9 +8,11 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import EntityConfig, ExperimentConfig
+from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.errors import did_you_mean
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.rejection_sampler import RejectionSampler, check_parameters
+from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer, RejectionSamplerInitializer
 from safe_inspect.simulators.resets.parameters import Parameter, ScalarParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
@@ -32,6 +34,8 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
     read = [component.parameters for component in components]
     read += [{name: unit} for name, unit in dynamics.parameters.items()]
     _check_parameters(parameters, read, report)
+    for plugin in (dynamics, *components):
+        _check_ranges(plugin, parameters, report)
     entities: dict[str, BodyReset] = {}
     environment: dict[str, EnvironmentDraw] = {}
     platforms = {entry.name for entry in config.platform_config}
@@ -61,8 +65,41 @@ def reset_plan(config: ExperimentConfig, report: ReportProblem) -> ResetPlan:
     known = used.union(*read)
     for name in parameters:
         if name not in known:
-            report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {did_you_mean(name, known)}")
+            hint = _user_of(name) or did_you_mean(name, known)
+            report((*_RESET, name), f"nothing uses the reset parameter {name!r}; {hint}")
     return ResetPlan(parameters, deputies, entities, tuple(environment.values()))
+
+
+def _check_ranges(
+    plugin: Dynamics | Component, parameters: Mapping[str, Parameter], report: ReportProblem
+) -> None:  # fmt: skip
+    """Check that the reset parameters that a plugin reads are within its allowed ranges, and have no wrong unit."""
+    for name, (low, high) in plugin.allowed.items():
+        parameter, symbol = parameters.get(name), plugin.parameters.get(name)
+        if not isinstance(parameter, ScalarParameter):
+            continue
+        if symbol == "" and parameter.symbol:
+            report((*_RESET, name, "config", "units"), f"{name!r} is a number without a unit; remove `units`")
+            continue
+        least, most = parameter.support or (low, high)
+        if not low <= least <= most <= high:
+            unit = f" {symbol}" if symbol else ""
+            text = (
+                f"it is between {least:g} and {most:g}{unit}, but {plugin.registered_name} allows {low:g} to {high:g}"
+            )
+            hint = "; are `units: deg` missing?" if symbol == "rad" and parameter.units is None else ""
+            report((*_RESET, name), f"{text}{unit}{hint or '; change one of them'}")
+
+
+def _user_of(name: str) -> str:
+    """Return which other dynamics or components use a reset parameter of that name; empty if there are none."""
+    for _, cls in registry.items("dynamics"):
+        if name in cls.parameters:
+            return f"the dynamics {cls.registered_name} use it"
+    for _, cls in registry.items("component"):
+        if name in cls.optional_parameters:
+            return f"{cls.registered_name} uses it if {cls.optional_parameters[name]}"
+    return ""
 
 
 def _check_parameters(

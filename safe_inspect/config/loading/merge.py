@@ -90,6 +90,8 @@ def _with_item(items: list[Any], name: str, value: Any, location: Location | Non
     if len(found) != 1:
         known = {other for item in items for other in names_of(item)}
         text, hint = f"the list has no item named {name!r}", did_you_mean(name, known)
+        if name in ("functor", "part", "config"):
+            hint = "a mapping changes items by their names; to add one, write `KEY+:` and a list"
         if found:
             text, hint = f"{len(found)} items of the list are named {name!r}", "give them unique names"
         raise ConfigError(Problem(text, location=location, hint=hint))

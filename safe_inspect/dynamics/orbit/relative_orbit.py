@@ -11,11 +11,12 @@ from pydantic import Field, model_validator
 
 from safe_inspect.compiling import Kernel
 from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits
+from safe_inspect.dynamics.orbit.drag import Drag
 from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_J2, EARTH_RADIUS, semi_major_axis
 from safe_inspect.dynamics.orbit.relative_orbit_row import OrbitSteps, orbit_row, relative_orbit_row
 from safe_inspect.errors import InitialStateError
 from safe_inspect.types import ArraySpec, FloatArray
-from safe_inspect.units import Angle, PositiveAngularRate
+from safe_inspect.units import Angle, PolarAngle, PositiveAngularRate
 
 #: Array of the chief's orbit: r [m], r' [m/s], h [m^2/s], i, u and the node [rad], see `relative_orbit_row`.
 ORBIT = "chief_orbit"
@@ -44,6 +45,7 @@ class RelativeOrbit(Dynamics):
         argument_of_perigee: Angle from the ascending node to the perigee [rad].
         true_anomaly: Angle from the perigee to the chief at the reset [rad].
         oblate: Whether the Earth is oblate (J2); else it is a sphere.
+        drag: Drag of deputies and chief; None: there is none.
 
     Raises:
         ValueError: The perigee is inside of the Earth.
@@ -61,10 +63,11 @@ class RelativeOrbit(Dynamics):
 
     mean_motion: PositiveAngularRate = 0.001027
     eccentricity: float = Field(default=0.0, ge=0.0, lt=0.8)
-    inclination: Angle = Field(default=0.9, ge=0.0, le=math.pi)
+    inclination: PolarAngle = 0.9
     argument_of_perigee: Angle = 0.0
     true_anomaly: Angle = 0.0
     oblate: bool = True
+    drag: Drag | None = None
 
     @model_validator(mode="after")
     def _outside(self) -> RelativeOrbit:
@@ -78,8 +81,8 @@ class RelativeOrbit(Dynamics):
 
     @property
     def uniform(self) -> bool:
-        """Whether Hill's frame turns at a constant rate: on a circular orbit about a spherical Earth."""
-        return self.eccentricity == 0.0 and not self.oblate
+        """Whether Hill's frame turns at a constant rate: on a circular orbit about a spherical Earth, without drag."""
+        return self.eccentricity == 0.0 and not self.oblate and self.drag is None
 
     @property
     def _oblateness(self) -> float:
@@ -93,7 +96,20 @@ class RelativeOrbit(Dynamics):
         """
         at_perigee = self.mean_motion * math.sqrt(1.0 + self.eccentricity) / (1.0 - self.eccentricity) ** 1.5
         substeps = max(math.ceil(step_size * at_perigee / _LARGEST_TURN), 1)
-        return (OrbitSteps(self._oblateness, step_size, substeps),)
+        air = self.drag or Drag(density=0.0)
+        reference = semi_major_axis(self.mean_motion)
+        return (
+            OrbitSteps(
+                self._oblateness, step_size, substeps, air.density, reference, air.scale_height, air.chief, air.deputy
+            ),
+        )
+
+    @property
+    def allowed(self) -> Mapping[str, tuple[float, float]]:
+        """An eccentricity up to the field, and angles of at most a revolution."""
+        turn = 2.0 * math.pi
+        angles = {"argument_of_perigee": (-turn, turn), "true_anomaly": (-turn, turn)}
+        return {"eccentricity": (0.0, self.eccentricity), "inclination": (0.0, math.pi), **angles}
 
     def reset_shared(self, values: Mapping[str, Any], rows: int) -> Mapping[str, FloatArray]:
         """Return the orbits at the start of R episodes, shape (R, 6).
@@ -117,11 +133,21 @@ class RelativeOrbit(Dynamics):
         orbit = (distance, radial, momentum, i, perigee + anomaly, np.zeros(rows))
         return {ORBIT: np.stack(orbit, axis=-1)}
 
+    def initial_figures(self, shared: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """Return the elements of the orbits, by the names of the reset parameters, each of shape (N,)."""
+        r, radial, h, i, u, _ = shared[ORBIT].T
+        along, across = h * h / (EARTH_GRAVITY * r) - 1.0, radial * h / EARTH_GRAVITY
+        anomaly = np.arctan2(across, along)
+        turn = 2.0 * math.pi
+        figures = (np.hypot(along, across), i, (u - anomaly) % turn, anomaly % turn)
+        return dict(zip(self.parameters, figures, strict=True))
+
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
         """Return a bound of the velocity by which a step departs from the Clohessy-Wiltshire motion.
 
         It is the product of the step size and bounds of the differences of gravity, of the rotation of Hill's frame and
-        of the second order in the distance, over all orbits up to the eccentricity.
+        of the second order in the distance, and of drag, over all orbits up to the eccentricity. It does not include
+        the decay of the orbit by drag during an episode.
 
         Raises:
             ValueError: The distance or the speed has no limit, or the deputy may reach the Earth's surface.
@@ -152,6 +178,9 @@ class RelativeOrbit(Dynamics):
             + 3.0 * EARTH_GRAVITY * d * d / (near - d) ** 4
             + 2.0 * s * (turn + tilt)
         )
+        if self.drag is not None:
+            speed = math.hypot(radial, most / near)
+            acceleration += self.drag.difference(a - near, speed, d, s + (fast + tilt) * d)
         growth = math.exp(4.0 * fast * limits.step_size)
         return DisturbanceBounds(velocity=acceleration * limits.step_size * growth)
 

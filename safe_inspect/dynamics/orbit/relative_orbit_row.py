@@ -6,9 +6,12 @@ the inclination i, the argument of latitude u and the right ascension of the asc
 
     p'' = g(R + p) - g(R) - 2 w x p' - w x (w x p) - w' x p + F / m,    R = (r, 0, 0)
 
-Sources: Gauss's variational equations, in Vallado, "Fundamentals of Astrodynamics and Applications", 4th edition, 2013,
-section 9.3.2; Xu and Wang, "Nonlinear dynamic equations of satellite relative motion around an oblate Earth", Journal
-of Guidance, Control, and Dynamics 31(5), 2008, for the rotation of the frame.
+With drag, g of each body includes its deceleration ``-1/2 rho k |V| V`` by an atmosphere at rest, where V is the
+velocity in inertial space, k = C_D A / m and ``rho = rho_0 exp(-(|R| - r_0) / H)``.
+
+Sources: Gauss's variational equations and drag, in Vallado, "Fundamentals of Astrodynamics and Applications", 4th
+edition, 2013, sections 9.3.2 and 8.6.2; Xu and Wang, "Nonlinear dynamic equations of satellite relative motion around
+an oblate Earth", Journal of Guidance, Control, and Dynamics 31(5), 2008, for the rotation of the frame.
 """
 
 from __future__ import annotations
@@ -32,11 +35,21 @@ class OrbitSteps(NamedTuple):
         oblateness: ``3/2 J2 mu R^2`` of the Earth [m^5/s^2]; 0 for a spherical Earth.
         step_size: Length of a step [s].
         substeps: Integration steps per step.
+        density: Density of the atmosphere at the reference distance [kg/m^3]; 0 for no drag.
+        reference: Reference distance from the Earth's centre [m].
+        scale_height: Distance over which the density falls by a factor e [m].
+        chief: Drag coefficient times area over mass of the chief [m^2/kg].
+        deputy: The same of a deputy [m^2/kg].
     """
 
     oblateness: float
     step_size: float
     substeps: int
+    density: float
+    reference: float
+    scale_height: float
+    chief: float
+    deputy: float
 
 
 @njit
@@ -92,14 +105,25 @@ def gravity(oblateness: float, position: Vector, pole: Vector) -> Vector:
 
 
 @njit(error_model="numpy")
-def _rates(oblateness: float, x: OrbitState, thrust: Vector) -> OrbitState:
+def _drag(steps: OrbitSteps, coefficient: float, distance: float, velocity: Vector, acceleration: Vector) -> Vector:
+    """Return an acceleration with the one by drag, at a distance from the Earth's centre [m]."""
+    x, y, z = velocity
+    density = steps.density * math.exp((steps.reference - distance) / steps.scale_height)
+    rate = 0.5 * density * coefficient * math.sqrt(x * x + y * y + z * z)
+    return acceleration[0] - rate * x, acceleration[1] - rate * y, acceleration[2] - rate * z
+
+
+@njit(error_model="numpy")
+def _rates(steps: OrbitSteps, x: OrbitState, thrust: Vector) -> OrbitState:
     """Return the time derivatives of the state under a force per kilogram [m/s^2]."""
-    (r, radial, h), (inclination, latitude, _), p, v = x
+    oblateness, ((r, radial, h), (inclination, latitude, _), p, v) = steps.oblateness, x
     sin_i, cos_i, sin_u, cos_u = (
         math.sin(inclination), math.cos(inclination), math.sin(latitude), math.cos(latitude)
     )  # fmt: skip
     pole = (sin_i * sin_u, sin_i * cos_u, cos_i)
     own = gravity(oblateness, (r, 0.0, 0.0), pole)
+    if steps.density > 0.0:
+        own = _drag(steps, steps.chief, r, (radial, h / r, 0.0), own)
     tilt = -2.0 * oblateness * cos_i * sin_u / (r * r * r * h)  # r a_z / (h sin i), also defined for i = 0
     momentum = r * own[1]
     turn_i, turn_node = tilt * sin_i * cos_u, tilt * sin_u
@@ -110,6 +134,10 @@ def _rates(oblateness: float, x: OrbitState, thrust: Vector) -> OrbitState:
     ax = -2.0 * oblateness * (cos_2i * turn_i * sin_u + sin_i * cos_i * cos_u * turn_u) / (r * r * r * h) - wx * falling
     az = momentum / (r * r) - 2.0 * wz * radial / r
     there = gravity(oblateness, (r + p[0], p[1], p[2]), pole)
+    if steps.density > 0.0:
+        moving = (v[0] - wz * p[1] + radial, v[1] + wz * p[0] - wx * p[2] + h / r, v[2] + wx * p[1])
+        distance = math.sqrt((r + p[0]) ** 2 + p[1] * p[1] + p[2] * p[2])
+        there = _drag(steps, steps.deputy, distance, moving, there)
     spin = wx * p[0] + wz * p[2]
     rate = wx * wx + wz * wz
     return (
@@ -138,12 +166,12 @@ def _moved(x: OrbitState, rates: OrbitState, dt: float) -> OrbitState:
 def _after(steps: OrbitSteps, orbit: FloatArray, position: Vector, velocity: Vector, thrust: Vector) -> OrbitState:
     """Return the state after a step, by the classical Runge-Kutta method."""
     x = ((orbit[0], orbit[1], orbit[2]), (orbit[3], orbit[4], orbit[5]), position, velocity)
-    k, dt = steps.oblateness, steps.step_size / steps.substeps
+    dt = steps.step_size / steps.substeps
     for _ in range(steps.substeps):
-        k1 = _rates(k, x, thrust)
-        k2 = _rates(k, _moved(x, k1, 0.5 * dt), thrust)
-        k3 = _rates(k, _moved(x, k2, 0.5 * dt), thrust)
-        k4 = _rates(k, _moved(x, k3, dt), thrust)
+        k1 = _rates(steps, x, thrust)
+        k2 = _rates(steps, _moved(x, k1, 0.5 * dt), thrust)
+        k3 = _rates(steps, _moved(x, k2, 0.5 * dt), thrust)
+        k4 = _rates(steps, _moved(x, k3, dt), thrust)
         x = _moved(_moved(_moved(_moved(x, k1, dt / 6.0), k2, dt / 3.0), k3, dt / 3.0), k4, dt / 6.0)
     return x
 

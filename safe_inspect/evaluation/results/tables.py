@@ -238,7 +238,8 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
 
 def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     who = f"{first.label} and {other.label} cannot be compared"
-    remedy = "evaluate both with the same --seed, --episodes and --cfg"
+    remedy = "evaluate both with the same --seed, --episodes and --cfg; if only one needs overrides for that, "
+    remedy += "evaluate each with --output and compare the folders"
     for what, mine, theirs in (
         ("seed", first.record["seed"], other.record["seed"]),
         ("number of episodes", len(first), len(other)),

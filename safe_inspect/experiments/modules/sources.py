@@ -208,7 +208,10 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
 
 
 def _newest_run(missing: Path) -> str:
-    """Return a hint to the newest run in the folder in which one was expected, if there is any."""
+    """Return a hint to the newest checkpoint or run in the folder in which one was expected, if there is any."""
+    checkpoints = sorted(found.name for found in missing.parent.glob("checkpoint_*"))
+    if checkpoints:
+        return f"the newest one there is {checkpoints[-1]}"
     runs = [found for found in missing.parent.glob("*") if (found / "run.json").is_file()]
     if runs:
         return f"the newest run there is {max(runs, key=os.path.getmtime)}"

@@ -91,7 +91,10 @@ def gives_half_space(entry: str | Constraint) -> bool:
 
 
 def _entry(value: Any) -> Any:
-    return value if isinstance(value, str) else build("constraint", value)
+    if not isinstance(value, str):
+        return build("constraint", value)
+    _class_of(value)  # an unknown name is reported at its place in the list
+    return value
 
 
 def _plain(value: Any) -> Any:

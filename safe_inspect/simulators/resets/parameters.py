@@ -93,6 +93,11 @@ class ScalarParameter(Parameter):
         """Factor that converts a number of the configuration to SI."""
         return 1.0 if self.units is None else unit(self.units).factor
 
+    @property
+    def support(self) -> tuple[float, float] | None:
+        """Smallest and largest value in SI; None, the default, if they are not known."""
+        return None
+
 
 class ConstantParameter(ScalarParameter):
     """The same value at every reset.
@@ -106,6 +111,11 @@ class ConstantParameter(ScalarParameter):
     def __call__(self, draw: Draw) -> FloatArray:
         """Return `value` for every row, shape (R,)."""
         return np.full(len(draw.streams), self.value * self.factor)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The value in SI, twice."""
+        return self.value * self.factor, self.value * self.factor
 
 
 class UniformParameter(ScalarParameter):
@@ -129,6 +139,11 @@ class UniformParameter(ScalarParameter):
         """Return low + U (high - low), U uniform in [0, 1), shape (R,)."""
         draws = draw.streams.uniform(draw.purpose, index=draw.index)[:, 0]
         return np.asarray(self.low * self.factor + draws * ((self.high - self.low) * self.factor))
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """`low` and `high` in SI."""
+        return self.low * self.factor, self.high * self.factor
 
 
 class TruncatedNormalParameter(ScalarParameter):
@@ -176,6 +191,11 @@ class TruncatedNormalParameter(ScalarParameter):
         sign = -1.0 if self.low > self.mu else 1.0
         value = self.mu + sign * self.std * ndtri(below + draws * (above - below))
         return np.asarray(np.clip(value, self.low, self.high) * self.factor)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """`low` and `high` in SI."""
+        return self.low * self.factor, self.high * self.factor
 
 
 class SimAttributeAccessor(Parameter):

@@ -150,6 +150,8 @@ class Sun(Component):
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
 
+    optional_parameters: ClassVar[Mapping[str, str]] = {BETA: "its `beta_angle` is set, as by `illumination_params`"}
+
     rate: PositiveAngularRate = 0.001027
     eclipse: bool = False
     distance: PositiveLength = 150e9
@@ -159,6 +161,11 @@ class Sun(Component):
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
         """The reset parameter ``beta_angle``, if the sun is not in the orbital plane."""
         return {} if self.beta_angle is None else {BETA: "rad"}
+
+    @property
+    def allowed(self) -> Mapping[str, tuple[float, float]]:
+        """A beta angle of at most 90 degrees."""
+        return {BETA: (-0.5 * math.pi, 0.5 * math.pi)}
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
         """Return zero bounds: the sun does not affect the motion of deputies."""
