@@ -102,3 +102,9 @@ def test_orbits_inside_of_the_earth_and_suns_that_are_too_near_are_refused() -> 
         earth_shadow(0.001, 1e8)
     with pytest.raises(ValueError, match="the sun's distance"):
         earth_shadow(0.001, math.nan)
+
+
+def test_a_cosine_that_rounding_pushed_beyond_one_is_that_of_the_axis() -> None:
+    shadow = earth_shadow(0.001027, DISTANCE)
+    assert sunlight_row(-1.0 - 1e-15, shadow) == sunlight_row(-1.0, shadow) == 0.0
+    assert sunlight_row(1.0 + 1e-15, shadow) == sunlight_row(1.0, shadow) == 1.0

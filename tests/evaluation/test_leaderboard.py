@@ -70,6 +70,7 @@ def test_decisions_and_team_figures_stand_where_they_are_known():
     found.team.figures["delta-v per deputy"] = np.array([0.5])  # type: ignore[index]
     standing = Standing.of_evaluation(FlownRow(source="s", training_steps=9), found, {"environment steps": "5"})
     assert (standing.decisions, standing.delta_v, standing.training_steps) == (7.0, 0.5, 9)
+    assert FlownRow(source="untrained", training_steps=0).training_steps == 0
     assert standing.violations is None
     assert standing.points is None
 

@@ -152,3 +152,26 @@ def test_a_half_space_of_controls_is_that_of_the_states_that_they_lead_to() -> N
         np.testing.assert_allclose(left, d @ (phi @ x + gamma @ v) - need, atol=1e-12)
     assert count == 2
     assert plain(add)(strict(model), 0.0, b, u, HOLD_PIECES, s, count) == 2
+
+
+def test_the_half_space_of_the_sun_cone_touches_it_beside_the_nearest_point() -> None:
+    """The outward normal of the cone at the state's own azimuth about the axis, also where one component is zero."""
+    generator = np.random.default_rng(4)
+    axes = [(0.0, -3.0), (0.0, 3.0), (-2.0, 0.0), (2.0, 0.0), *generator.normal(size=(20, 2)).tolist()]
+    for across, z in axes:
+        angle = generator.uniform(0.0, 2.0 * np.pi)
+        cos, sin = sun_at(angle)
+        along = generator.normal()
+        x, y = -cos * along - sin * across, sin * along - cos * across
+        at = plain(node)((x, y, z, 0.0, 0.0, 0.0), (cos, sin))
+        assert (at.along, at.across) == pytest.approx((along, across))
+        at = at._replace(across=across)  # an exact zero
+        found = np.zeros(6)
+        assert plain(SUN_KERNELS.support)(CONE, at, Margins(0.25, 0.0, 0.0), found) == 0.25
+        size = math.hypot(across, z)
+        normal = np.array([-CONE.sin_b, CONE.cos_b * across / size, CONE.cos_b * z / size])
+        np.testing.assert_allclose(turned_with_the_sun(found[:3], angle), normal, atol=1e-9)
+        assert not found[3:].any()
+    found = np.zeros(6)
+    plain(SUN_KERNELS.support)(CONE, plain(node)((5.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1.0, 0.0)), Margins(0, 0, 0), found)
+    np.testing.assert_allclose(found[:3], [CONE.sin_b, 0.0, CONE.cos_b], atol=1e-12)

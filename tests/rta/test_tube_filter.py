@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -14,12 +15,13 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.rta.audit.audit import audit, grazing_states
-from safe_inspect.rta.constraints import NAMES, RelativeState
+from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters import BackupFilter, TubeFilter
-from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, PLAN
+from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
 from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.rta.filters.tube.safety_filter import MEMORY
+from safe_inspect.rta.filters.tube.tables import leaves_nothing
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
@@ -222,3 +224,36 @@ def test_the_thrust_that_tracks_a_plan_is_the_plan_and_the_gain_within_the_thrus
     assert (found == limit).any()
     assert (found == -limit).any()
     assert (abs(found) < limit).any()
+
+
+@pytest.mark.parametrize(
+    ("names", "part", "row", "value", "said"),
+    [
+        # 790 m between the collision radius and r_max; the width counts on both sides, or that of coasting on one
+        (("r_max", "chief_collision"), CLOSED, 0, 394.0, None),
+        (("r_max", "chief_collision"), CLOSED, 0, 396.0, "of the 790 m between"),
+        (("r_max", "chief_collision"), CLOSED, 2, 789.0, None),
+        (("r_max", "chief_collision"), CLOSED, 2, 791.0, "of the 790 m between"),
+        (("r_max",), CLOSED, 0, 396.0, None),
+        # 0.2 m/s and 2 n for each metre from 10 m to 800 m
+        (("rel_vel",), CLOSED, 1, 1.82, None),
+        (("rel_vel",), CLOSED, 1, 1.83, "of the speed of 1.82 m/s"),
+        (("z_vel",), CLOSED, 1, 0.99, None),
+        (("z_vel",), CLOSED, 1, 1.0, "of the `vel_limit` 1 m/s of z_vel"),
+        (("z_vel",), PLAN, 1, 2.0, None),
+        ((), PLAN, 3, 0.99, None),
+        ((), PLAN, 3, 1.0, "of the thrust `u_max` 1 N"),
+        ((), CLOSED, 3, 1.0, "of the thrust `u_max` 1 N"),
+    ],
+)
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_a_tube_that_takes_all_of_a_limit_is_refused(names, part, row, value, said, share):
+    """The effort of tracking grows with the largest thrust along the diagonal, and counts with its share of it."""
+    tube = np.zeros_like(NO_TUBE)
+    tube[part, row, 0] = value
+    if row == 3:
+        largest = math.sqrt(3.0)
+        tube[part, row] = value * np.array([1.0 - share, 0.5 * share / largest, 0.5 * share / largest])
+    parameters = ConstraintParameters.of({})
+    found = leaves_nothing(tube, parameters, constraint_set(parameters, names))
+    assert found is None if said is None else found is not None and found.startswith(said)

@@ -211,6 +211,41 @@ def test_the_margin_that_a_cell_certifies(code):
     check_record(Path(__file__).with_name("certificates.json"), f"cells: {name}", found)
 
 
+class Moving(Constraint, name="TestMoving"):
+    """Move at `least` or more; the half-space of velocities is normal to the present one."""
+
+    least: float = 0.2
+
+    def evaluate(self, state):
+        out = ConstraintValues.zeros(len(state))
+        out.phi[:] = state.speed - self.least
+        return out
+
+    def half_space_parameters(self):
+        return (self.least,)
+
+    @staticmethod
+    def half_space(p, x, d):
+        speed = (x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) ** 0.5
+        for k in range(3):
+            d[k], d[3 + k] = 0.0, x[3 + k] / speed
+        return p[0]
+
+
+def test_a_short_cell_is_certified_by_the_half_space_in_its_middle():
+    """One that turns with the velocity certifies nothing near the limit, unless it is that of the cell itself."""
+    run = BackupFilter(names=[Moving()])
+    state, generator = drawn("moving", 3)
+    way = generator.normal(size=(CELLS, 3))
+    speed = 0.2 * (1.0 + generator.choice([-1e-3, 1e-3, 3e-3], (CELLS, 1)))
+    state = RelativeState(state.position, speed * way / np.linalg.norm(way, axis=1, keepdims=True), state.sun_angle)
+    last = flown(state, np.zeros((CELLS, 3)), 0.2)
+    certified = np.array(
+        [_further_uncertain(run._model, *row(state, i), *row(last, i), (0.0, 0.0, 0.0), 0.2) < 0 for i in range(CELLS)]
+    )
+    np.testing.assert_array_equal(certified, speed[:, 0] > 0.2)
+
+
 @pytest.mark.parametrize("lead", [(0.0, 0.0, 0.0), (20.0, -30.0, 10.0)], ids=["position", "velocity"])
 def test_a_certified_cell_of_a_half_space_is_safe_within_and_a_short_one_is_certified(lead):
     wall = Wall(lead=lead)

@@ -211,3 +211,9 @@ def test_evaluations_list_the_elements_of_the_orbits() -> None:
         np.testing.assert_allclose(values, expected[name], rtol=1e-7, atol=1e-12)
     collected = EpisodeCollector(env)._initial_states
     assert set(figures) < set(collected)
+
+
+def test_a_sun_without_a_beta_angle_is_in_the_orbital_plane() -> None:
+    angle = np.array([0.3, 2.0])
+    expected = np.stack((np.cos(angle), -np.sin(angle), np.zeros(2)), axis=-1)
+    np.testing.assert_array_equal(sun_directions(angle), expected)

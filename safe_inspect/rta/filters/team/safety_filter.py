@@ -180,8 +180,6 @@ class TeamFilter:
         for name, entry in zip(self.names, entries, strict=True):
             if name not in known and not gives_half_space(entry):
                 raise ValueError(f"the team's filter cannot enforce {name!r}; {did_you_mean(name, known)}")
-            if self.names.count(name) > 1:
-                raise ValueError(f"the constraint {name!r} is given twice; remove one")
         if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
             raise ValueError(f"deputy_radius must be positive and finite [m], got {deputy_radius}")
         self.deputy_radius = float(deputy_radius)
