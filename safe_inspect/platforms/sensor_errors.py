@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.platforms.copies import copy_vector
-from safe_inspect.random.balls import uniform_at
+from safe_inspect.random.balls import normal_at, uniform_at
 from safe_inspect.random.splitmix import mix
 from safe_inspect.simulators.row_terms.inputs import SensorMemory
 from safe_inspect.simulators.row_terms.loops import RowTerm
@@ -51,13 +51,6 @@ class SensorErrors(BaseModel):
 
 
 @njit
-def _normal(key: np.uint64, step: int, pick: int) -> float:
-    """Return a standard normal number by the method of Box and Muller, a pure function of key, step and pick."""
-    radius = math.sqrt(-2.0 * math.log(1.0 - uniform_at(key, step, 2 * pick)))
-    return radius * math.cos(2.0 * math.pi * uniform_at(key, step, 2 * pick + 1))
-
-
-@njit
 def _measure(
     rule: FloatArray, salt: np.uint64, agents: int, key: AnyArray, step: IntArray, truth: FloatArray,
     reading: FloatArray, bias: FloatArray, late: FloatArray,
@@ -82,10 +75,10 @@ def _measure(
         own = mix(key[row // agents] ^ (salt + np.uint64(row % agents)))
         for k in range(size):
             if now == 0:
-                bias[row, k] = rule[1] * _normal(own, now, 4 * k)
+                bias[row, k] = rule[1] * normal_at(own, now, 4 * k)
             else:
-                bias[row, k] += rule[2] * _normal(own, now, 4 * k)
-            value = truth[row, k] + bias[row, k] + rule[0] * _normal(own, now, 4 * k + 1)
+                bias[row, k] += rule[2] * normal_at(own, now, 4 * k)
+            value = truth[row, k] + bias[row, k] + rule[0] * normal_at(own, now, 4 * k + 1)
             if rule[3] > 0.0:
                 value = rule[3] * np.rint(value / rule[3])
             value = min(max(value, rule[5]), rule[6])

@@ -1,4 +1,4 @@
-"""Random vectors of bounded length in compiled kernels: pure functions of a key, without state."""
+"""Random numbers, and vectors of bounded length, in compiled kernels: pure functions of a key, without state."""
 
 from __future__ import annotations
 
@@ -19,6 +19,13 @@ def uniform_at(key: np.uint64, step: int, pick: int) -> float:
     word = mix((key ^ _PURPOSE) + _WEYL * np.uint64(step + 1))
     word = mix(word + _WEYL * np.uint64(pick + 1))
     return float(word >> np.uint64(11)) * 2.0**-53
+
+
+@njit
+def normal_at(key: np.uint64, step: int, pick: int) -> float:
+    """Return a standard normal number by the method of Box and Muller, a pure function of key, step and pick."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform_at(key, step, 2 * pick)))
+    return radius * math.cos(2.0 * math.pi * uniform_at(key, step, 2 * pick + 1))
 
 
 @njit

@@ -1,6 +1,7 @@
 """Components of the tasks, and the simulators composed of them. Importing this package registers their plugins."""
 
 from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.disturbances.kalman_filter import KalmanFilter
 from safe_inspect.tasks.disturbances.solar_pressure import SolarPressure
 from safe_inspect.tasks.disturbances.thruster_model import ThrusterModel
 from safe_inspect.tasks.docking.initializer import Docking3DRadialInitializer
@@ -24,6 +25,7 @@ __all__ = [
     "FuelPriceSchedule",
     "InspectionPoints",
     "InspectionSimulator",
+    "KalmanFilter",
     "SolarPressure",
     "SpeedLimitMonitor",
     "Sun",

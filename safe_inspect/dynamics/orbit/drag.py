@@ -13,7 +13,8 @@ class Drag(BaseModel):
     """Drag of spheres in an exponential atmosphere that is at rest in inertial space.
 
     Attributes:
-        density: Density at the height of the semi-major axis [kg/m^3].
+        density: Density at the height of the semi-major axis [kg/m^3]; the default is that of 850 km, the height of the
+            default mean motion, at high solar activity.
         scale_height: Height over which the density falls by a factor e [m].
         deputy: Drag coefficient times area over mass of a deputy, C_D A / m [m^2/kg].
         chief: The same of the chief [m^2/kg].
@@ -21,8 +22,8 @@ class Drag(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    density: NonNegativeDensity = 3e-12  # type: ignore[valid-type]
-    scale_height: PositiveLength = 60e3
+    density: NonNegativeDensity = 1e-13  # type: ignore[valid-type]
+    scale_height: PositiveLength = 125e3
     deputy: NonNegativeAreaPerMass = 0.02  # type: ignore[valid-type]
     chief: NonNegativeAreaPerMass = 0.01  # type: ignore[valid-type]
 
