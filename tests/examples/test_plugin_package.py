@@ -166,3 +166,20 @@ def test_the_reward_is_as_short_as_promised() -> None:
     text = (_PACKAGE / "src" / "safe_inspect_example" / "rewards.py").read_text()
     body = text[text.index("class SpeedLimitReward") :].strip()
     assert len([line for line in body.splitlines() if line.strip()]) <= 15
+
+
+@pytest.mark.usefixtures("on_path")
+def test_the_shipped_task_is_flown_on_the_orbit_and_with_the_noise_of_the_package() -> None:
+    simulator = "config.config.env_config.simulator.config"
+    given = [
+        f"{simulator}.dynamics={{functor: safe_inspect_example.SchweighartSedwick, config: {{inclination: 98 deg}}}}",
+        f"{simulator}.disturbance={{functor: safe_inspect_example.ThrustNoise, config: {{sigma: 10 mN}}}}",
+    ]
+    env = TeamEnvironment(safe_inspect.load_experiment("safe_inspect/TranslationalInspection-v1", given).spec, 64)
+    env.reset()
+    env.step([np.full((64, 1, 3), 1.0)])
+    assert env.simulation.flown.std() == pytest.approx(0.01, rel=0.2)
+    assert not env.state.control.any(), "the middle choice is no thrust"
+    for name in ("noise", "orbits"):
+        lines = (_PACKAGE / "src" / "safe_inspect_example" / f"{name}.py").read_text().splitlines()
+        assert sum(bool(line.strip()) for line in lines) <= 40, "as short as the README says"

@@ -14,9 +14,11 @@ from safe_inspect_example import (
     RangeRateSensor,
     RingInitializer,
     ScatteredDone,
+    SchweighartSedwick,
     SpeedLimitReward,
     TanhNormalizer,
     TeamSpread,
+    ThrustNoise,
     ThrustUnit,
     Wall,
 )
@@ -138,3 +140,26 @@ def test_close_deputies_coast():
     states = {"position": np.array(team.position)}
     assert CoastWhenClose(distance=35.0).refusals(states) == {"distance": [True]}
     np.testing.assert_allclose(CoastWhenClose(distance=20.0).safety(states)["distance"], [10.0])
+
+
+def test_the_orbit_drifts_as_the_solution_of_its_equations():
+    """Closed form of the motion in the plane: x'' = -(2 - c^2) n^2 x, if y' = -2 n c x at the start."""
+    orbit, n, start = SchweighartSedwick(inclination=0.3), 0.001027, 40.0
+    radius = (3.986004418e14 / n**2) ** (1.0 / 3.0)
+    c = np.sqrt(1.0 + 3.0 * 1.0826e-3 / 8.0 * (6.378e6 / radius) ** 2 * (1.0 + 3.0 * np.cos(0.6)))
+    position, velocity = np.array([start, 0.0, 0.0]), np.array([0.0, -2.0 * n * c * start, 0.0])
+    phi, gamma = orbit(10.0)
+    for _ in range(500):
+        SchweighartSedwick.row(phi, gamma, position, velocity, np.zeros(3), 12.0)
+    assert position[0] == pytest.approx(start * np.cos(n * np.sqrt(2.0 - c * c) * 5000.0), abs=1e-8)
+
+
+def test_the_noise_has_its_deviation_and_is_reproducible():
+    world, state = None, {"key": np.arange(4000, dtype=np.uint64), "step": np.full(4000, 3)}
+    running = ThrustNoise(sigma="20 mN")(world, 4000)
+    commanded = np.full((4000, 1, 3), 0.5)
+    flown = running.actuate(state, commanded)
+    np.testing.assert_array_equal(flown, running.actuate(state, commanded))
+    assert np.all(commanded == 0.5)
+    assert (flown - 0.5).std(axis=(0, 1)) == pytest.approx([0.02] * 3, rel=0.05)
+    assert abs((flown - 0.5).mean()) < 1e-3

@@ -4,7 +4,9 @@ from safe_inspect_example.constraints import Wall
 from safe_inspect_example.dones import FuelSpentDone
 from safe_inspect_example.glues import DirectionGlue, OnOffGlue
 from safe_inspect_example.metrics import PathLength, TeamSpread
+from safe_inspect_example.noise import ThrustNoise
 from safe_inspect_example.normalizers import TanhNormalizer
+from safe_inspect_example.orbits import SchweighartSedwick
 from safe_inspect_example.platforms import CubeSat, PulsedThrust, ThrustUnit
 from safe_inspect_example.policies import BrakingPolicy
 from safe_inspect_example.resets import LogUniformParameter, RingInitializer
@@ -27,9 +29,11 @@ __all__ = [
     "RangeRateSensor",
     "RingInitializer",
     "ScatteredDone",
+    "SchweighartSedwick",
     "SpeedLimitReward",
     "TanhNormalizer",
     "TeamSpread",
+    "ThrustNoise",
     "ThrustUnit",
     "Wall",
 ]

@@ -24,6 +24,10 @@ class SchweighartSedwick(Dynamics):
     """x'' = 2 n c y' + (5 c^2 - 2) n^2 x, y'' = -2 n c x', z'' = -(3 c^2 - 2) n^2 z, in Hill's frame, plus u / m.
 
     Schweighart and Sedwick, J. Guidance, Control, and Dynamics 25(6), 2002, without the forcing across the orbit.
+
+    Attributes:
+        mean_motion: Mean motion n of the chief's orbit [rad/s].
+        inclination: Inclination of the orbit [rad].
     """
 
     row: ClassVar[Kernel] = linear_row
