@@ -34,9 +34,21 @@ from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 TASK = "safe_inspect/TranslationalInspectionSeed-v0"
 TASK_FILE = configs_root() / "translational-inspection" / "experiment-seed.yml"
 #: Tasks that are measured when they are asked for, by the name of their case.
-FURTHER_TASKS = {
-    "rendezvous": "safe_inspect/TumblingRendezvous-v0",
-    "six-dof": "safe_inspect/WeightedSixDofInspection-v0",
+FURTHER_TASKS: dict[str, tuple[str | Path, list[str]]] = {
+    "rendezvous": ("safe_inspect/TumblingRendezvous-v0", []),
+    "six-dof": ("safe_inspect/WeightedSixDofInspection-v0", []),
+    "orbits": (
+        configs_root() / "translational-inspection" / "experiment-seed.yml",
+        [
+            "simulator.config.illumination_params.eclipse=true",
+            "simulator.config.illumination_params.beta_angle=3 deg",
+            "simulator.config.dynamics={functor: RelativeOrbit, config: {eccentricity: 0.01, drag: {}}}",
+            "simulator.config.disturbance=[{functor: BoundedDisturbance, config: {position_error: 5 cm}}, "
+            "{functor: ThrusterModel, config: {minimum_impulse: 20 mN s, gain_error: 0.02, misalignment: 1 deg}}, "
+            "{functor: SolarPressure}]",
+            "parts.Sensor_Position.config.errors={noise: 10 cm}",
+        ],
+    ),
 }
 TEAM_TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 OWN_FILTER = "RTAGlueCWHInspection1v1.config.enabled=True"
@@ -50,6 +62,7 @@ LEGEND = """
 batch      the task of one deputy; team: the multi-agent task with D deputies
 rendezvous docking with a tumbling target, levels of thrust at random
 six-dof    weighted inspection by a deputy that turns; moments are always full
+orbits     an elliptic orbit about the oblate Earth, drag, eclipses, noise, errors of thrusters and estimates
 steps/s    steps of agents by the clock, N * D in each step of the batch, median of the rounds (best: the best round)
 per CPU s  the same for a second of processor time, which other work on the machine changes little
 us/step    of one step of all N environments, resets included
@@ -172,7 +185,7 @@ def make_cases(
     spec = load_spec(TASK)
     cases = [Case("batch", count, thrust, TeamEnvironment(spec, count, seed=1)) for count in envs for thrust in THRUSTS]
     for name in further:
-        task = load_spec(FURTHER_TASKS[name])
+        task = load_spec(*FURTHER_TASKS[name])
         for thrust in ("levels",) if name == "rendezvous" else THRUSTS:
             cases += [Case(name, count, thrust, TeamEnvironment(task, count, seed=1)) for count in envs]
     if plain:
@@ -321,6 +334,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--filtered", action="store_true", help="also with the safety filters on")
     parser.add_argument("--rendezvous", action="store_true", help="also the rendezvous with a tumbling target")
     parser.add_argument("--six-dof", action="store_true", help="also six-DoF inspection")
+    parser.add_argument("--orbits", action="store_true", help="also inspection on an elliptic orbit, with all errors")
     parser.add_argument("--no-sklearn", action="store_true", help="leave the plain loop out")
     parser.add_argument("--no-shares", action="store_true", help="leave out where the time goes")
     parser.add_argument("--json", type=Path, help="write the report to this file")

@@ -262,3 +262,33 @@ def test_elements_that_are_impossible_are_refused() -> None:
         RelativeOrbit().disturbance_bounds(MotionLimits(STEP, 12.0, 1.0, 100.0))
     with pytest.raises(ValueError, match="no bound"):
         RelativeOrbit().disturbance_bounds(MotionLimits(STEP, 12.0, 1.0, speed=1.0))
+
+
+def test_a_published_case_of_two_elliptic_orbits_to_its_printed_digits() -> None:
+    """Curtis, "Orbital Mechanics for Engineering Students", example 7.1: two bodies that are 9,600 km apart."""
+    mu = 398600e9
+
+    def orbit(h: float, e: float, i: float, node: float, perigee: float, anomaly: float) -> tuple[FloatArray, ...]:
+        angles = Rotation.from_euler("ZXZ", [node, i, perigee], degrees=True)
+        nu = math.radians(anomaly)
+        r = h * h / mu / (1.0 + e * math.cos(nu)) * np.array([math.cos(nu), math.sin(nu), 0.0])
+        return angles.apply(r), angles.apply(mu / h * np.array([-math.sin(nu), e + math.cos(nu), 0.0]))
+
+    (r_a, v_a), (r_b, v_b) = (
+        orbit(52059e6, 0.025724, 60.0, 40.0, 30.0, 40.0), orbit(52362e6, 0.0072696, 50.0, 40.0, 120.0, 40.0)
+    )  # fmt: skip
+    axes, turn = hill_axes(r_a, v_a), np.cross(r_a, v_a) / (r_a @ r_a)
+    position, velocity = axes @ (r_b - r_a), axes @ (v_b - v_a - np.cross(turn, r_b - r_a))
+    np.testing.assert_allclose(position, [-6701.2e3, 6828.3e3, -406.26e3], rtol=1.2e-5)
+    np.testing.assert_allclose(velocity, [316.67, 111.99, 1247.0], rtol=4e-5)
+
+    axis = (52059e6) ** 2 / mu / (1.0 - 0.025724**2)
+    plugin = RelativeOrbit(mean_motion=math.sqrt(MU / axis**3), eccentricity=0.025724, oblate=False)
+    values = {"inclination": math.radians(60.0), "argument_of_perigee": math.radians(30.0)}
+    chief = plugin.reset_shared(values | {"true_anomaly": math.radians(40.0)}, 1)["chief_orbit"][0]
+    assert chief[2] == pytest.approx(52059e6, rel=1e-6)
+    assert chief[:2] == pytest.approx([np.linalg.norm(r_a), r_a @ v_a / np.linalg.norm(r_a)], rel=1e-5)
+    (steps,) = plugin(0.01)
+    before, after = velocity.copy(), velocity.copy()
+    relative_orbit_row(steps, chief, position, after, np.zeros(3), 1.0)
+    np.testing.assert_allclose((after - before) / 0.01, [-0.2222, -0.1807, 0.5059], rtol=2.5e-4)
