@@ -63,6 +63,11 @@ _COMMANDS = {
         "Constraints are checked at the steps and at moments between them.",
         "safe-inspect safety configs/docking/experiment.yml --steps 20000",
     ),
+    "bounds": _Command(
+        "bounds", "print what disturbs the motion that the safety filter assumes, and whether it tolerates that",
+        "Orbits, thrusters and estimates declare bounds, which are added up; exits with 1 if the filter needs more.",
+        "safe-inspect bounds configs/translational-inspection/experiment-burn-and-coast-orbits.yml",
+    ),
     "acceptance": _Command(
         "safety", "print the share of random initial states that is safe",
         "It also prints which constraint refuses the others, which of them `alone`, and how many have no backup plan "

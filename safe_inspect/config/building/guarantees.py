@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.config.building.disturbances import check_motion, kept_by
 from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
 from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.shared import CollisionDoneFunction
-from safe_inspect.dynamics.base import NO_DISTURBANCE, MotionLimits
 from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.platforms.base import Controller, Part
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
@@ -109,12 +109,6 @@ def _filters(plugin: Plugin) -> bool:
     return isinstance(plugin, SafetyGlue) and plugin.enabled
 
 
-def _kept(plugin: Plugin) -> Mapping[str, Any]:
-    """Return the constraints that a filter guarantees, by name; empty for other plugins."""
-    kept: Mapping[str, Any] = getattr(plugin, "kept", {})
-    return kept
-
-
 def _check_filter(
     plugin: Any,
     where: KeyTuple,
@@ -123,10 +117,10 @@ def _check_filter(
     reset: ResetPlan,
     report: ReportProblem,
 ) -> None:
-    environment, kept = config.environment, _kept(plugin)
+    environment, kept = config.environment, kept_by(plugin)
     dynamics, components = environment.simulator.compose()
     orbit = dynamics.offers().get("mean_motion")
-    _check_motion(plugin, where, environment.simulator, worlds, report)
+    check_motion(plugin, where, environment.simulator, worlds, report)
     for sun in components:
         if "sun" in kept and isinstance(sun, Sun) and orbit and not math.isclose(sun.rate, orbit, rel_tol=1e-9):
             once, rate = distinct(orbit, sun.rate)
@@ -151,68 +145,6 @@ def _check_filter(
             text = f"deputies collide at {done.safety_constraint:g} m, but the filter only keeps them {apart:g} m apart"
             place = (*ENVIRONMENT_PATH, "dones", "shared", index, "config", "safety_constraint")
             report(place, f"{text}; lower this, or raise the filter's `deputy_radius`")
-
-
-def _check_motion(
-    plugin: Any, where: KeyTuple, simulator: Simulator, worlds: Sequence[WorldValues], report: ReportProblem
-) -> None:
-    """Check that a filter allows for every disturbance of the motion that it assumes."""
-    if getattr(plugin, "method", None) == "continuous":
-        return
-    dynamics, components = simulator.compose()
-    sources: list[Any] = [*simulator.disturbance, *components]
-    if isinstance(plugin, TaskParameters):  # the assumptions of other filters are not known
-        sources.append(dynamics)
-    kept, bounds = _kept(plugin), getattr(plugin, "disturbance", None)
-    silent, exceeded = dict[str, None](), dict[str, tuple[float, str]]()
-    for world in worlds:
-        limits = MotionLimits(world["step_size"], world["m"], world.get("u_max", 0.0), *_reach(kept))
-        total, known = NO_DISTURBANCE, []
-        for source in sources:
-            try:
-                found = source.disturbance_bounds(limits)
-            except ValueError:  # a disturbance that grows with the range is unbounded if the range is
-                found = None
-            if found is None:
-                silent[source.registered_name] = None
-            else:
-                known.append((source.registered_name, found))
-                total = total + found
-        for field in (bounds or NO_DISTURBANCE).exceeded(total):
-            names = dict.fromkeys(name for name, one in known if getattr(one, field) > 0.0)
-            exceeded[field] = getattr(total, field), " and ".join(names)
-    if silent:
-        text = f"{' and '.join(silent)} may change the motion that the filter assumes, but has no "
-        text += "`disturbance_bounds` for this flight"
-        if plugin.undeclared == "warn":
-            warnings.warn(f"{text}: the filter gives no guarantee", SafetyFilterWarning, stacklevel=2)
-        else:
-            remedy = "declare them, disable the filter, or accept that it gives no guarantee with `undeclared: warn`"
-            report((*where, "enabled"), f"{text}; {remedy}")
-    if exceeded and bounds is None:
-        by = " and ".join(dict.fromkeys(name for _, name in exceeded.values()))
-        text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
-        if "disturbance" in type(plugin).model_fields:
-            needed = ", ".join(f"{field}: {_rounded_up(value):g}" for field, (value, _) in exceeded.items())
-            report((*where, "disturbance"), f"{text}give the filter `disturbance: {{{needed}}}`, or disable it")
-        else:
-            report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
-        return
-    for field, (value, by) in exceeded.items():
-        text = f"the simulation's `{field}` is {value:g}, from {by}, which exceeds this bound"
-        report((*where, "disturbance", field), f"{text}; raise the bound, or lower the disturbance")
-
-
-def _rounded_up(value: float) -> float:
-    """Return a positive number, rounded up to two digits."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.ceil(value / unit - 1e-9) * unit
-
-
-def _reach(kept: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the largest distance [m] and speed [m/s] that a filter allows; infinite if it has no such constraint."""
-    axes = [kept[name].vel_limit if name in kept else math.inf for name in ("x_vel", "y_vel", "z_vel")]
-    return kept["r_max"].r_max if "r_max" in kept else math.inf, math.hypot(*axes)
 
 
 def _check_sun_angle(reset: ResetPlan, report: ReportProblem) -> None:
@@ -265,7 +197,7 @@ def _check_ends(
     plugin: Any, entry: AgentEntry, base: KeyTuple, config: ExperimentConfig, reset: ResetPlan, report: ReportProblem
 ) -> None:
     """Check that a done function does not end an episode as lost in states that the filter allows."""
-    kept, parts = _kept(plugin), entry.body.parts
+    kept, parts = kept_by(plugin), entry.body.parts
     orbit = config.environment.simulator.compose()[0].offers().get("mean_motion", 0.0)
     far = kept["r_max"].r_max if "r_max" in kept else 0.0
     for index, named in enumerate(entry.body.dones):
@@ -281,7 +213,7 @@ def _check_ends(
 
 def _check_crash(plugin: Any, done: CrashDoneFunction, orbit: float, where: KeyTuple, report: ReportProblem) -> bool:
     """Check that a crash is not within what the filter allows; return whether the filter prevents crashes."""
-    kept, radius, limit = _kept(plugin), done.crash_region_radius, done.velocity_constraint
+    kept, radius, limit = kept_by(plugin), done.crash_region_radius, done.velocity_constraint
     near = kept["chief_collision"].collision_radius if "chief_collision" in kept else 0.0
     if near:
         if radius > near:
