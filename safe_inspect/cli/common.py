@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from safe_inspect.cli.streams import discard_output, lasting_streams, print_error, shortened
+from safe_inspect.cli.streams import discard_output, lasting_streams, print_error, without_long_words
 from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
             commands = [name.strip(" '") for name in mistyped[2].split(",")]
             message = f"there is no command {mistyped[1]!r}; {did_you_mean(mistyped[1], commands)}"
         named = f"{self.prog} {command}" if command and self.has_commands else self.prog
-        self.exit(_USER_ERROR, f"error: {shortened(message)}; see `{named} --help`\n")
+        self.exit(_USER_ERROR, f"error: {without_long_words(message)}; see `{named} --help`\n")
 
 
 def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:

@@ -55,10 +55,10 @@ def lasting_streams() -> Iterator[None]:
 def print_error(text: str) -> None:
     """Print a message to standard error, if it can be written."""
     with suppress(OSError):  # the reader may be gone
-        print(shortened(text), file=sys.stderr)
+        print(without_long_words(text), file=sys.stderr)
 
 
-def shortened(text: str) -> str:
+def without_long_words(text: str) -> str:
     """Return a message without words of a thousand letters or more, such as the digits of a number."""
     return re.sub(r"\S{1000,}", lambda word: f"{word[0][:57]}...", text)
 

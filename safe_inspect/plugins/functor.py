@@ -73,11 +73,13 @@ def build(kind: str, value: Any) -> Plugin:
             cls = registry.get(kind, value[key])
         except RegistryError as error:
             problems.append(_problem((key,), str(error)))
+    unknown = []
     for other in (str(given) for given in value if given not in known):
         hint = did_you_mean(other, known | {"references"})
         if cls is not None and other in cls.model_fields:
             hint = f"it is a field of {cls.registered_name}: write `config: {{{other}: ...}}`"
-        problems.append(_problem((other,), f"unknown key; {hint}"))
+        unknown.append(_problem((other,), f"unknown key; {hint}"))
+    problems = unknown + problems
     config = value.get("config") or {}
     if not isinstance(config, Mapping):
         problems.append(_problem(("config",), f"`config` must be a mapping of the {kind}'s fields, not {config!r}"))

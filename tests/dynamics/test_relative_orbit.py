@@ -153,9 +153,9 @@ def random_orbits(rng: np.random.Generator, rows: int, e: float) -> dict[str, Fl
     [
         (0.0, False, None, 0.97), (0.0, True, None, 0.255), (0.01, False, None, 0.755), (0.01, True, None, 0.435),
         (0.1, False, None, 0.70), (0.1, True, None, 0.635),
-        (0.0, False, Drag(density=1e-8, deputy=0.02, chief=0.01), 0.945),
-        (0.0, False, Drag(density=1e-8, deputy=0.01, chief=0.01), 0.915),
-        (0.01, False, Drag(density=1e-8, deputy=0.01, chief=0.02), 0.935),
+        (0.0, False, Drag(density=1e-8, scale_height=6e4, deputy=0.02, chief=0.01), 0.945),
+        (0.0, False, Drag(density=1e-8, scale_height=6e4, deputy=0.01, chief=0.01), 0.915),
+        (0.01, False, Drag(density=1e-8, scale_height=6e4, deputy=0.01, chief=0.02), 0.935),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize(("distance", "speed"), [(800.0, 2.0), (100.0, 0.2)])

@@ -415,14 +415,16 @@ def test_an_intervention_belongs_to_the_method_backup():
 )  # fmt: skip
 def test_wrong_parameters_are_reported_of_the_glue_and_of_the_sampler(copied, right, wrong, words):
     text, _ = problem_of(copied, "parameters.yml", right, wrong, wrong)
-    # The mapping of the glue, or the newest of the values that the message names.
-    file, first = ("agent-seed", "config:\n          training_ex") if "colision" in wrong else ("parameters", "max_d")
-    whole = (copied / f"{file}.yml").read_text()
+    first = "constraints" if "colision" in wrong else "max_d"  # the newest of the values that the message names
+    whole = (copied / "parameters.yml").read_text()
     number = whole[: whole.index(first)].count("\n") + 1
-    place = f"configs/translational-inspection/{file}.yml:{number} agent_config[0].config.config.glues[0].config"
-    shown = [line for line in text.splitlines() if line.startswith(place)]
-    assert len(shown) == 1, text
-    assert "environment.yml:" in text
+    place = f"configs/translational-inspection/parameters.yml:{number} "
+    shown = [line for line in text.splitlines() if line.removeprefix("error: ").startswith(place)]
+    if "colision" in wrong:
+        assert len(shown) == 1, "one mistake in one line is reported once"
+    else:
+        assert "agent_config[0].config.config.glues[0].config" in shown[0]
+        assert "simulator_reset_parameters.init_state" in text
     for word in words:
         assert word in shown[0]
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from safe_inspect.cli.common import add_experiment_arguments
-from safe_inspect.config.building.disturbances import disturbances, needed
+from safe_inspect.config.building.disturbances import disturbances, required
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import ConfigError
@@ -91,7 +91,7 @@ def _print_filter(experiment: Experiment, name: str, plugin: Any) -> bool:
     if found.unknown:
         print(f"{' and '.join(found.unknown)}: no bound, so the filter can give no guarantee")
     elif exceeded:
-        print(f"the filter needs `disturbance: {{{needed(found.total)}}}`")
+        print(f"the filter needs `disturbance: {{{required(found.total)}}}`")
     else:
         print("the filter tolerates this")
     return not exceeded and not found.unknown

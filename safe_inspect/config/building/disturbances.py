@@ -68,7 +68,7 @@ def kept_by(plugin: Plugin) -> Mapping[str, Any]:
     return kept
 
 
-def needed(total: DisturbanceBounds) -> str:
+def required(total: DisturbanceBounds) -> str:
     """Return the field `disturbance` that a filter needs, as YAML; the numbers are rounded up to two digits."""
     pairs = zip(DisturbanceBounds.model_fields, total.bounds, strict=True)
     return ", ".join(f"{name}: {_rounded_up(value):g}" for name, value in pairs if value > 0.0)
@@ -100,7 +100,9 @@ def check_motion(
         text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
         if "disturbance" in type(plugin).model_fields:
             asked = NO_DISTURBANCE.model_copy(update={field: value for field, (value, _) in exceeded.items()})
-            report((*where, "disturbance"), f"{text}give the filter `disturbance: {{{needed(asked)}}}`, or disable it")
+            report(
+                (*where, "disturbance"), f"{text}give the filter `disturbance: {{{required(asked)}}}`, or disable it"
+            )
         else:
             report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
         return
