@@ -122,6 +122,12 @@ def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Expe
     experiment = load(arguments.overrides)
     if enabled is None:
         return experiment
+    team = experiment.spec.team_safety
+    if team is not None and team.enabled:
+        raise ConfigError(
+            f"{arguments.cfg}: its safety filter is that of the team, and this command tests the filter of one deputy; "
+            "give an experiment of one deputy, or look at the team's constraints with `evaluate` and `draw`"
+        )
     glues = experiment.config.agent_config[0].config.config.glues
     for index, glue in enumerate(glues):
         if isinstance(glue, SafetyGlue):
