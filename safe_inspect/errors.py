@@ -110,7 +110,7 @@ class MissingNameError(SafeInspectError, AttributeError):
 
 
 class ArgumentError(SafeInspectError, ValueError):
-    """An action outside its space, or an invalid argument of an environment or its `reset`."""
+    """An action outside its space, an invalid argument of an environment, or parts of a simulation that do not fit."""
 
 
 class KeywordError(ArgumentError, TypeError):

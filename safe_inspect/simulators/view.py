@@ -6,6 +6,7 @@ each environment and agent of the group, R = N * G rows, ordered by environment,
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,6 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from safe_inspect.random.balls import draw_normals
 from safe_inspect.simulators.arrays import Array, read_only
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.missing import missing
@@ -103,6 +105,21 @@ class View:
         first, size = self.group.first, self.group.size
         own = array[:, first] if size == 1 else array[:, first : first + size].reshape(-1, *array.shape[2:])
         return cast(Array, own)
+
+    def normal(self, purpose: str, size: int = 1) -> FloatArray:
+        """Return standard normal numbers, a function of the seed, slot, episode, step, deputy and purpose.
+
+        Args:
+            purpose: Name of the use; different names give independent numbers.
+            size: Count of numbers for each row.
+
+        Returns:
+            The numbers, shape (R, size).
+        """
+        drawn = np.empty((self.num_rows, size))
+        salt = np.uint64(zlib.crc32(purpose.encode()))
+        draw_normals(self.writable.key, self.writable.step, salt, self.group.first, self.group.size, drawn)
+        return drawn
 
     @property
     def time(self) -> FloatArray:

@@ -13,6 +13,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import RelativeOrbit
 from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
+from safe_inspect.dynamics.orbit.relative_orbit_row import in_inertial_axes
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.evaluation.collector import EpisodeCollector
@@ -205,8 +206,11 @@ def test_evaluations_list_the_elements_of_the_orbits() -> None:
     env.reset()
     figures = env.simulation.initial_figures()
     expected = {name: env.simulation._reset_plan.draw(Streams(3, np.arange(64), np.zeros(64, np.int64)))[1][name]
-                for name in figures}  # fmt: skip
-    assert list(figures) == ["eccentricity", "inclination", "argument_of_perigee", "true_anomaly"]
+                for name in figures if name != "right_ascension"}  # fmt: skip
+    assert list(figures) == [
+        "eccentricity", "inclination", "argument_of_perigee", "true_anomaly", "right_ascension"
+    ]  # fmt: skip
+    assert not figures.pop("right_ascension").any()
     for name, values in figures.items():
         np.testing.assert_allclose(values, expected[name], rtol=1e-7, atol=1e-12)
     collected = EpisodeCollector(env)._initial_states
@@ -217,3 +221,38 @@ def test_a_sun_without_a_beta_angle_is_in_the_orbital_plane() -> None:
     angle = np.array([0.3, 2.0])
     expected = np.stack((np.cos(angle), -np.sin(angle), np.zeros(2)), axis=-1)
     np.testing.assert_array_equal(sun_directions(angle), expected)
+
+
+@pytest.mark.parametrize(
+    ("date", "ascension", "declination"),
+    [
+        # Equinoxes and solstices of 2026 and 2000 to the minute, from the Astronomical Almanac.
+        ("2026-03-20T14:46:00", 0.0, 0.0), ("2026-06-21T08:25:00", 90.0, 23.436), ("2026-09-23T00:05:00", 180.0, 0.0),
+        ("2026-12-21T20:50:00", 270.0, -23.436), ("2000-06-21T01:48:00+00:00", 90.0, 23.439),
+    ],
+)  # fmt: skip
+def test_the_sun_of_a_date_is_that_of_the_almanac(date: str, ascension: float, declination: float) -> None:
+    given = [
+        f"illumination_params.date={date}",
+        "dynamics={functor: RelativeOrbit, config: {inclination: 98 deg, right_ascension: 40 deg, true_anomaly: 2.0}}",
+    ]
+    env = environment(*given, rows=3)
+    found = fly(env, 30)
+    expected = np.radians([ascension, declination])
+    across = np.cos(expected[1])
+    sun = np.array([across * np.cos(expected[0]), across * np.sin(expected[0]), np.sin(expected[1])])
+    for k in (0, 30):
+        inertial = np.empty((3, 3))
+        in_inertial_axes(found["chief_orbit"][k], found["sun_direction"][k], inertial)
+        assert np.degrees(np.arccos(np.clip(inertial @ sun, -1.0, 1.0))).max() < 0.02
+    np.testing.assert_allclose(
+        sun_directions(found["sun_angle"], found["beta_angle"]), found["sun_direction"], atol=1e-12
+    )
+    assert np.all(found["chief_orbit"][0, :, 5] == np.radians(40.0))
+
+
+def test_the_sun_of_a_date_needs_an_orbit_and_a_date() -> None:
+    with pytest.raises(SafeInspectError, match="a sun with a `date` needs the dynamics RelativeOrbit"):
+        environment("illumination_params.date=2026-03-20")
+    with pytest.raises(ConfigError, match=r"illumination_params\.date"):
+        environment("illumination_params.date=yesterday")

@@ -44,6 +44,7 @@ class RelativeOrbit(Dynamics):
         inclination: Inclination to the equator [rad].
         argument_of_perigee: Angle from the ascending node to the perigee [rad].
         true_anomaly: Angle from the perigee to the chief at the reset [rad].
+        right_ascension: Right ascension of the ascending node at the reset [rad], for a sun with a date.
         oblate: Whether the Earth is oblate (J2); else it is a sphere.
         drag: Drag of deputies and chief; None: there is none.
 
@@ -59,6 +60,7 @@ class RelativeOrbit(Dynamics):
         "inclination": "rad",
         "argument_of_perigee": "rad",
         "true_anomaly": "rad",
+        "right_ascension": "rad",
     }
 
     mean_motion: PositiveAngularRate = 0.001027
@@ -66,6 +68,7 @@ class RelativeOrbit(Dynamics):
     inclination: PolarAngle = 0.9
     argument_of_perigee: Angle = 0.0
     true_anomaly: Angle = 0.0
+    right_ascension: Angle = 0.0
     oblate: bool = True
     drag: Drag | None = None
 
@@ -108,7 +111,7 @@ class RelativeOrbit(Dynamics):
     def allowed(self) -> Mapping[str, tuple[float, float]]:
         """An eccentricity up to the field, and angles of at most a revolution."""
         turn = 2.0 * math.pi
-        angles = {"argument_of_perigee": (-turn, turn), "true_anomaly": (-turn, turn)}
+        angles = dict.fromkeys(("argument_of_perigee", "true_anomaly", "right_ascension"), (-turn, turn))
         return {"eccentricity": (0.0, self.eccentricity), "inclination": (0.0, math.pi), **angles}
 
     def reset_shared(self, values: Mapping[str, Any], rows: int) -> Mapping[str, FloatArray]:
@@ -117,7 +120,7 @@ class RelativeOrbit(Dynamics):
         Raises:
             InitialStateError: An eccentricity is negative, or exceeds the field.
         """
-        e, i, perigee, anomaly = (
+        e, i, perigee, anomaly, node = (
             np.broadcast_to(np.asarray(values.get(name, getattr(self, name)), dtype=np.float64), (rows,))
             for name in self.parameters
         )
@@ -130,16 +133,16 @@ class RelativeOrbit(Dynamics):
         momentum = np.sqrt(EARTH_GRAVITY * semi_latus)
         distance = semi_latus / (1.0 + e * np.cos(anomaly))
         radial = EARTH_GRAVITY / momentum * e * np.sin(anomaly)
-        orbit = (distance, radial, momentum, i, perigee + anomaly, np.zeros(rows))
+        orbit = (distance, radial, momentum, i, perigee + anomaly, node)
         return {ORBIT: np.stack(orbit, axis=-1)}
 
     def initial_figures(self, shared: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
         """Return the elements of the orbits, by the names of the reset parameters, each of shape (N,)."""
-        r, radial, h, i, u, _ = shared[ORBIT].T
+        r, radial, h, i, u, node = shared[ORBIT].T
         along, across = h * h / (EARTH_GRAVITY * r) - 1.0, radial * h / EARTH_GRAVITY
         anomaly = np.arctan2(across, along)
         turn = 2.0 * math.pi
-        figures = (np.hypot(along, across), i, (u - anomaly) % turn, anomaly % turn)
+        figures = (np.hypot(along, across), i, (u - anomaly) % turn, anomaly % turn, node % turn)
         return dict(zip(self.parameters, figures, strict=True))
 
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.errors import ArgumentError
 from safe_inspect.random.balls import normal_at
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OwnOfView
@@ -55,12 +56,12 @@ class KalmanFilter(Component):
         """Return the running filters.
 
         Raises:
-            ValueError: Another component estimates the states, or the deputies turn.
+            ArgumentError: Another component estimates the states, or the deputies turn.
         """
         if _POSITION in world.offers.view:
-            raise ValueError("two components estimate the states; remove the KalmanFilter, or the other errors")
+            raise ArgumentError("two components estimate the states; remove the KalmanFilter, or the other errors")
         if "turning_body" in world.offers.world:
-            raise ValueError("KalmanFilter is for point masses, whose thrust is along Hill's axes; remove it")
+            raise ArgumentError("KalmanFilter is for point masses, whose thrust is along Hill's axes; remove it")
         return _RunningFilter(self, world)
 
     def gains(self, phi: FloatArray, step_size: float) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
+from safe_inspect.errors import ArgumentError
 from safe_inspect.random.balls import uniform_at
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
@@ -96,10 +97,10 @@ class ThrusterModel(Component):
         """Return the running thrusters.
 
         Raises:
-            ValueError: The propellant is not less than the mass of a deputy.
+            ArgumentError: The propellant is not less than the mass of a deputy.
         """
         if not np.all(world.masses > self.propellant):
-            raise ValueError(
+            raise ArgumentError(
                 f"`propellant` is {self.propellant:g} kg, which must be less than the deputy's mass of "
                 f"{world.masses.min():g} kg; it is a part of this mass"
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
@@ -47,6 +49,8 @@ class IlluminationParams(BaseModel):
             the penumbra of an eclipse.
         eclipse: Whether the Earth hides the sun on a part of each orbit, in which no point is lit; see `Sun`.
         beta_angle: Angle between the sun and the orbital plane [rad]; None: the sun is in the plane. See `Sun`.
+        date: Date and time (UTC) of the sun's direction, on a `RelativeOrbit`; None: the sun's angles are drawn. See
+            `Sun`.
         light_properties: Colour of the light.
         chief_properties: Colour of the chief's surface.
         bin_ray_flag: True: a point is lit if its ray to the sun is free, and dark otherwise. False: Blinn-Phong colour.
@@ -65,6 +69,7 @@ class IlluminationParams(BaseModel):
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     eclipse: bool = False
     beta_angle: ElevationAngle | None = None
+    date: datetime | None = None
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True

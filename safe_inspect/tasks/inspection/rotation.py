@@ -12,6 +12,7 @@ from pydantic import field_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
+from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.component import Component, RunningComponent
@@ -19,11 +20,20 @@ from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
+from safe_inspect.tasks.inspection.free_rotation import (
+    FreeRotation,
+    draw_rotations,
+    frame_angles,
+    in_frame,
+    rotate_freely,
+)
 from safe_inspect.tasks.inspection.sun import LIGHT
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import AngularRate
 
 _ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
+#: Arrays of a body that rotates freely: attitude to inertial axes and angular velocity in body axes.
+_INERTIAL, _SPIN = "chief_inertial", "chief_spin"
 
 
 class BodyAxes(NamedTuple):
@@ -68,11 +78,20 @@ def turn_body(
     """
     for n in range(axes.angle.shape[0]):
         axes.angle[n] += turn
-        sine, w = math.sin(0.5 * axes.angle[n]), math.cos(0.5 * axes.angle[n])
-        x, y, z = sine * axis[0], sine * axis[1], sine * axis[2]
+        sine = math.sin(0.5 * axes.angle[n])
+        for k in range(3):
+            axes.orientation[n, k] = sine * axis[k]
+        axes.orientation[n, 3] = math.cos(0.5 * axes.angle[n])
+    write_in_axes(body, position, sun, attitude, axes)
+
+
+@njit
+def write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: FloatArray, axes: BodyAxes) -> None:
+    """Write the bodies and the sun in the axes of a body with a known orientation; see `turn_body`."""
+    for n in range(axes.orientation.shape[0]):
+        o = axes.orientation[n]
+        x, y, z, w = o[0], o[1], o[2], o[3]
         q = (x, y, z, w)
-        for k in range(4):
-            axes.orientation[n, k] = q[k]
         for b in range(position.shape[1]):
             p, origin = position[n, b], position[n, body]
             seen = rotated_back(q, p[0] - origin[0], p[1] - origin[1], p[2] - origin[2])
@@ -136,20 +155,25 @@ def rotating_body(world: World) -> str | None:
 
 
 class ChiefRotation(Component):
-    """Body that rotates at a constant angular velocity; its points, normals and priority vector rotate with it.
+    """Body that rotates at a constant angular velocity or freely; its points, normals and priority vector rotate too.
 
-    Its axes are Hill's at the reset. In safe-autonomy-sims outside of CoRL, the chief does not rotate in inertial
-    space: ``[0, 0, -n]`` with the mean motion n. Arrays: ``chief_angle``, not wrapped [rad], shape (N,),
-    ``chief_orientation``, the attitude from the body's axes to Hill's frame [x, y, z, w], shape (N, 4), and all bodies
-    and the sun in the body's axes. The component ``Sun`` must come before this one, `InspectionPoints` after it.
+    With a constant angular velocity, its axes are Hill's at the reset. In safe-autonomy-sims outside of CoRL, the chief
+    does not rotate in inertial space: ``[0, 0, -n]`` with the mean motion n. Arrays: ``chief_angle``, not wrapped
+    [rad], shape (N,), ``chief_orientation``, the attitude from the body's axes to Hill's frame [x, y, z, w], shape
+    (N, 4), and all bodies and the sun in the body's axes; of a free rotation also ``chief_inertial``, the attitude to
+    inertial axes, shape (N, 4), and ``chief_spin``, the angular velocity in body axes [rad/s], shape (N, 3). The
+    component ``Sun`` must come before this one, `InspectionPoints` after it.
 
     Attributes:
         entity_name: The body.
         angular_velocity: Angular velocity relative to Hill's frame, along Hill's axes [rad/s]; not zero.
+        free: Torque-free rotation in inertial space instead; None: the angular velocity is constant.
     """
 
     entity_name: EntityName = "chief"
     angular_velocity: tuple[AngularRate, AngularRate, AngularRate] = (0.0, 0.0, -0.001027)
+
+    free: FreeRotation | None = None
 
     _has_length = field_validator("angular_velocity")(require_length)
 
@@ -166,33 +190,31 @@ class ChiefRotation(Component):
         """Return the running rotation.
 
         Raises:
-            ValueError: The order of the components is wrong.
+            ArgumentError: The order of the components is wrong.
         """
         if "sun_direction" not in world.offers.view or "points" in world.offers.world:
-            raise ValueError(
+            raise ArgumentError(
                 "ChiefRotation must come after Sun and before InspectionPoints; change the order of `components`"
             )
+        if self.free is not None:
+            return _FreelyRotating(self.entity_name, self.free, world)
         rate = math.hypot(*self.angular_velocity)
         x, y, z = (component / rate for component in self.angular_velocity)
-        return _RunningRotation(self.entity_name, rate * world.step_size, (x, y, z), world)
+        return _SteadilyRotating(self.entity_name, rate * world.step_size, (x, y, z), world)
 
 
-class _RunningRotation(RunningComponent):
+class _Rotating(RunningComponent):
+    """A rotating body; a subclass writes its orientation."""
+
     recorded = (_ORIENTATION,)
 
-    def __init__(self, entity: str, turn: float, axis: Components, world: World) -> None:
-        self._entity, self._turn, self._axis, self._body = entity, turn, axis, world.bodies[entity]
+    def __init__(self, entity: str, world: World) -> None:
+        self._entity, self._body = entity, world.bodies[entity]
         bodies, turning = len(world.bodies), "turning_body" in world.offers.world
         self._names = tuple(f"axes/{entity}/{name}" for name in ("position", "sun_direction", "orientation"))
         sizes = ((bodies, 3), (3,), (bodies if turning else 0, 4))
         self.arrays = {_ANGLE: ArraySpec(()), _ORIENTATION: ArraySpec((4,))}
         self.arrays |= {name: ArraySpec(size) for name, size in zip(self._names, sizes, strict=True)}
-
-    def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        self._follow(state, 0.0)
-
-    def step(self, state: State, running: BoolArray) -> None:
-        self._follow(state, self._turn)
 
     def of_world(self) -> Mapping[str, Any]:
         return {"rotating_body": self._entity}
@@ -206,9 +228,43 @@ class _RunningRotation(RunningComponent):
     def shared_state(self, team: Any) -> tuple[Any, ...]:
         return (team.chief_orientation,)
 
-    def _follow(self, state: State, turn: float) -> None:
+    def _seen(self, state: State) -> tuple[int, FloatArray, FloatArray, FloatArray, BodyAxes]:
+        """Return the last arguments of `turn_body`."""
         arrays = state.arrays
         attitude = arrays.get("orientation", np.zeros((state.num_envs, 0, 4)))
         axes = BodyAxes(arrays[_ANGLE], arrays[_ORIENTATION], *(arrays[name] for name in self._names))
-        light = arrays.get(LIGHT, arrays["sun_direction"])
-        turn_body(turn, self._axis, self._body, state.position, light, attitude, axes)
+        return self._body, state.position, arrays.get(LIGHT, arrays["sun_direction"]), attitude, axes
+
+
+class _SteadilyRotating(_Rotating):
+    def __init__(self, entity: str, turn: float, axis: Components, world: World) -> None:
+        super().__init__(entity, world)
+        self._turn, self._axis = turn, axis
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        turn_body(0.0, self._axis, *self._seen(state))
+
+    def step(self, state: State, running: BoolArray) -> None:
+        turn_body(self._turn, self._axis, *self._seen(state))
+
+
+class _FreelyRotating(_Rotating):
+    def __init__(self, entity: str, free: FreeRotation, world: World) -> None:
+        super().__init__(entity, world)
+        self._steps, self._mean_motion = free.steps(world.step_size), float(world.mean_motion)
+        self._orbit = world.offers.world.get("orbit")
+        self.arrays = {**self.arrays, _INERTIAL: ArraySpec((4,)), _SPIN: ArraySpec((3,))}
+
+    def reset(self, state: State, values: Mapping[str, Any]) -> None:
+        draw_rotations(state["key"], self._steps, state[_INERTIAL], state[_SPIN])
+        self._follow(state)
+
+    def step(self, state: State, running: BoolArray) -> None:
+        rotate_freely(self._steps, state[_INERTIAL], state[_SPIN])
+        self._follow(state)
+
+    def _follow(self, state: State) -> None:
+        orbit = None if self._orbit is None else state[self._orbit]
+        angles = frame_angles(orbit, self._mean_motion, state["time"])
+        in_frame(angles, state[_INERTIAL], state[_ORIENTATION])
+        write_in_axes(*self._seen(state))

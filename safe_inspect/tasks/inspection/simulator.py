@@ -15,6 +15,7 @@ from safe_inspect.dynamics.orbit.shadow import earth_shadow
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
+from safe_inspect.tasks.inspection.free_rotation import FreeRotation
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule, check_interval
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints, check_field_of_view
@@ -41,6 +42,7 @@ class InspectionSimulator(Simulator):
         initial_sensor_unit_vec: Axis of that camera in body axes.
         chief_angular_velocity: Constant angular velocity of the body ``chief`` relative to Hill's frame, along Hill's
             axes [rad/s], see `ChiefRotation`; by default, it is zero.
+        chief_rotation: Torque-free rotation of that body in inertial space, drawn at each reset, see `FreeRotation`.
         steps_until_update: Steps of a slot between two updates of its delta-v scale.
         delta_v_scale_bounds: Smallest and largest scale of the delta-v reward [1/(m/s)]; it starts at the largest.
         delta_v_scale_step: Change of the scale at an update.
@@ -58,6 +60,7 @@ class InspectionSimulator(Simulator):
     sensor_fov: ConeOfView | None = None
     initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
     chief_angular_velocity: tuple[AngularRate, AngularRate, AngularRate] = (0.0, 0.0, 0.0)
+    chief_rotation: FreeRotation | None = None
     steps_until_update: int = Field(default=1500, ge=1)
     delta_v_scale_bounds: tuple[float, float] = (-0.1, -0.001)
     delta_v_scale_step: float = -0.00005
@@ -69,6 +72,8 @@ class InspectionSimulator(Simulator):
         for field in ("delta_v_scale_bounds", "inspected_points_update_bounds"):
             check_interval(field, *getattr(self, field))
         check_field_of_view(self.field_of_view)
+        if self.chief_rotation is not None and any(self.chief_angular_velocity):
+            raise ValueError("`chief_rotation` and `chief_angular_velocity` exclude each other; remove one of them")
         if self.illumination_params is not None and self.illumination_params.eclipse:
             earth_shadow(self.mean_motion, self.illumination_params.avg_rad_Earth2Sun)
         return self
@@ -93,7 +98,12 @@ class InspectionSimulator(Simulator):
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
         """Return the dynamics, the sun, the rotation of a rotating chief, the points and the price of fuel."""
         light, dynamics = self.illumination_params, self.dynamics or ClohessyWiltshire(mean_motion=self.mean_motion)
-        spin = self.chief_angular_velocity
+        spin, free = self.chief_angular_velocity, self.chief_rotation
+        turning: tuple[Component, ...] = ()
+        if free is not None:
+            turning = (ChiefRotation(free=free),)
+        elif any(spin):
+            turning = (ChiefRotation(angular_velocity=spin),)
         return dynamics, (
             Sun(rate=self.mean_motion)
             if light is None
@@ -102,8 +112,9 @@ class InspectionSimulator(Simulator):
                 eclipse=light.eclipse,
                 distance=light.avg_rad_Earth2Sun,
                 beta_angle=light.beta_angle,
+                date=light.date,
             ),
-            *((ChiefRotation(angular_velocity=spin),) if any(spin) else ()),
+            *turning,
             InspectionPoints(
                 inspection_points_map=self.inspection_points_map,
                 illumination_params=light,

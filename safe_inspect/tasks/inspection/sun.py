@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from datetime import UTC, datetime, timedelta
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
 from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
 from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
 from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
+from safe_inspect.errors import ArgumentError
 from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State
@@ -126,6 +128,18 @@ def shade(shadow: Shadow, distance: FloatArray, direction: FloatArray, sunlight:
             light[n, axis] = direction[n, axis] if direction[n, 0] >= shadow.edge else math.nan
 
 
+def sun_on(date: datetime) -> tuple[float, float, float]:
+    """Return the unit vector to the sun in the Earth's equatorial axes of that date, to about 0.01 degrees.
+
+    Source: Vallado, "Fundamentals of Astrodynamics and Applications", 4th edition, 2013, algorithm 29.
+    """
+    centuries = (date - datetime(2000, 1, 1, 12, tzinfo=UTC)) / timedelta(days=36525)
+    anomaly = math.radians(357.529109 + 35999.05034 * centuries)
+    longitude = 280.46 + 36000.771 * centuries + 1.914666471 * math.sin(anomaly) + 0.019994643 * math.sin(2.0 * anomaly)
+    along, tilt = math.radians(longitude), math.radians(23.439291 - 0.0130042 * centuries)
+    return math.cos(along), math.cos(tilt) * math.sin(along), math.sin(tilt) * math.sin(along)
+
+
 class Sun(Component):
     """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
 
@@ -146,6 +160,8 @@ class Sun(Component):
         distance: Distance of the sun [m]; it determines the apparent size of the disc.
         beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
             parameter ``beta_angle`` replaces; None: the sun is in the plane.
+        date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
+            date in all episodes, and neither ``sun_angle`` nor `beta_angle` is used. None: these two determine it.
     """
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
@@ -156,6 +172,7 @@ class Sun(Component):
     eclipse: bool = False
     distance: PositiveLength = 150e9
     beta_angle: ElevationAngle | None = None
+    date: datetime | None = None
 
     @property
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
@@ -176,7 +193,10 @@ class Sun(Component):
 
         Raises:
             ValueError: With `eclipse`, the orbit is not outside of the Earth.
+            ArgumentError: A `date` without a `RelativeOrbit`.
         """
+        if self.date is not None and "orbit" not in world.offers.world:
+            raise ArgumentError("a sun with a `date` needs the dynamics RelativeOrbit; set them, or remove the date")
         shadow = earth_shadow(world.mean_motion, self.distance) if self.eclipse else None
         return _RunningSun(self, world, shadow)
 
@@ -191,6 +211,8 @@ class _RunningSun(RunningComponent):
     def __init__(self, sun: Sun, world: World, shadow: Shadow | None) -> None:
         self._rate, self._turn, self._shadow = sun.rate, sun.rate * world.step_size, shadow
         self._beta, self._of_orbit = sun.beta_angle, "orbit" in world.offers.world
+        date = sun.date
+        self._fixed = None if date is None else sun_on(date if date.tzinfo else date.replace(tzinfo=UTC))
         self.arrays = {"sun_angle": ArraySpec(()), "sun_direction": ArraySpec((3,))}
         if self._of_orbit:
             self.arrays |= {BETA: ArraySpec(()), _INERTIAL: ArraySpec((3,))}
@@ -205,7 +227,10 @@ class _RunningSun(RunningComponent):
         if self._beta is not None:
             state[BETA][:] = values.get(BETA, self._beta)
         turn_sun(0.0, state["sun_angle"], self._beta_of(state), state["sun_direction"])
-        if self._of_orbit:
+        if self._fixed is not None:
+            state[_INERTIAL][:] = self._fixed
+            sun_of_orbit(state[ORBIT], state[_INERTIAL], *self._outputs(state))
+        elif self._of_orbit:
             in_inertial_axes(state[ORBIT], state["sun_direction"], state[_INERTIAL])
         self._shade(state)
 
@@ -218,10 +243,13 @@ class _RunningSun(RunningComponent):
 
     def _bind(self, state: State) -> tuple[Callable[..., None], tuple[Any, ...]]:
         """Return the kernel that turns the sun in a step, and its arguments."""
-        outputs = state["sun_angle"], self._beta_of(state), state["sun_direction"]
+        outputs = self._outputs(state)
         if self._of_orbit:
             return sun_of_orbit.dispatcher, (state[ORBIT], state[_INERTIAL], *outputs)
         return turn_sun.dispatcher, (self._turn, *outputs)
+
+    def _outputs(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return state["sun_angle"], self._beta_of(state), state["sun_direction"]
 
     def _beta_of(self, state: State) -> FloatArray:
         return state[BETA] if BETA in self.arrays else _NONE
