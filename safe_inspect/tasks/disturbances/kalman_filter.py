@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -89,13 +89,29 @@ class KalmanFilter(Component):
         return np.array(gains), np.array(covariances)
 
 
+class _Maps(NamedTuple):
+    """Matrices of the filter.
+
+    Attributes:
+        phi: Transition matrix of a step, shape (6, 6).
+        gamma: Effect of the thrust of each deputy, shape (D, 6, 3).
+        gains: Gain of each step, the last one of all later steps, shape (K, 6, 3).
+        sigma: Standard deviation of a measured position [m].
+    """
+
+    phi: FloatArray
+    gamma: FloatArray
+    gains: FloatArray
+    sigma: float
+
+
 class _RunningFilter(RunningComponent):
     def __init__(self, plugin: KalmanFilter, world: World) -> None:
         self._plugin, self._deputies = plugin, world.num_deputies
         self.arrays = {name: ArraySpec((self._deputies, 3)) for name in (_POSITION, _VELOCITY)}
         maps = [transition(world.mean_motion, mass, world.step_size) for mass in world.masses]
-        self._phi, self._gamma = maps[0][0], np.array([gamma for _, gamma in maps])
-        self._gains, _ = plugin.gains(self._phi, world.step_size)
+        phi, gamma = maps[0][0], np.array([gamma for _, gamma in maps])
+        self._maps = _Maps(phi, gamma, plugin.gains(phi, world.step_size)[0], plugin.measurement)
         self._first = np.array([plugin.initial_position, plugin.initial_velocity])
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
@@ -104,8 +120,8 @@ class _RunningFilter(RunningComponent):
 
     def step(self, state: State, running: BoolArray) -> None:
         truth = state["position"][:, : self._deputies]
-        sources = self._phi, self._gamma, self._gains, self._plugin.measurement
-        _filter(state["key"], state["step"], *sources, state["control"], truth, state[_POSITION], state[_VELOCITY])
+        estimates = state[_POSITION], state[_VELOCITY]
+        _filter(self._maps, state["key"], state["step"], state["control"], truth, *estimates)
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
         return {name: OwnOfView(name) for name in self.arrays}
@@ -129,23 +145,20 @@ def _start(
 
 @njit
 def _filter(
-    key: AnyArray, step: IntArray, phi: FloatArray, gamma: FloatArray, gains: FloatArray, sigma: float,
-    control: FloatArray, position: FloatArray, p: FloatArray, v: FloatArray,
+    maps: _Maps, key: AnyArray, step: IntArray, control: FloatArray, position: FloatArray, p: FloatArray, v: FloatArray
 ) -> None:  # fmt: skip
     """Update the estimates p and v, shape (N, D, 3).
 
     Args:
+        maps: Matrices of the filter.
         key: Key of each episode, shape (N,).
         step: Steps since the reset, shape (N,).
-        phi: Transition matrix of a step, shape (6, 6).
-        gamma: Effect of the thrust of each deputy, shape (D, 6, 3).
-        gains: Gain of each step, the last one of all later steps, shape (K, 6, 3).
-        sigma: Standard deviation of a measured position [m].
         control: Commanded controls, the first three elements in N, shape (N, D, C).
         position: Real positions [m], shape (N, D, 3).
         p: Estimated positions [m].
         v: Estimated velocities [m/s].
     """
+    phi, gamma, gains, sigma = maps
     x, surprise = np.empty(6), np.empty(3)
     for i in range(p.shape[0]):
         gain = gains[min(max(step[i] - 1, 0), gains.shape[0] - 1)]
