@@ -89,3 +89,19 @@ def test_nearly_all_starts_are_kept():
     )
     assert not (tube & ~exact).any()
     assert tube.sum() > 0.9 * exact.sum()
+
+
+def test_without_a_joint_plan_all_plans_are_forgotten_but_those_of_ended_deputies():
+    """One deputy has no plan, and no joint plan is found; the next step must search again and not track an old one."""
+    run = TeamFilter(disturbance=DisturbanceBounds(**BOUNDS))
+    position = np.array([[[60.0, 0.0, 0.0], [60.0, 4.0, 0.0], [-80.0, 30.0, 0.0]]])
+    velocity = np.array([[[0.0, 0.4, 0.0], [0.0, -0.4, 0.0], [0.0, -2.0 * 0.001027 * -80.0, 0.0]]])
+    for ended in (False, True):
+        finished = np.array([[False, False, ended]])
+        tracks = np.zeros((1, DEPUTIES, 10))
+        tracks[0, :, :6] = np.concatenate((position, velocity), axis=2)
+        tracks[0, 1:, 9] = 1.0
+        state = TeamState(position, velocity, np.array([2.0]), finished)
+        found = run(state, np.zeros((1, DEPUTIES, 3)), np.zeros((1, DEPUTIES), np.int8), tracks)
+        assert found.infeasible.any()
+        assert found.tracks[0, :, 9].tolist() == [0.0, 0.0, 1.0 if ended else 0.0]
