@@ -63,6 +63,18 @@ def test_a_part_without_a_bound_is_named(capsys: pytest.CaptureFixture[str]) -> 
     assert lines[-1] == "ThrusterModel: no bound, so the filter can give no guarantee"
 
 
+def test_the_constraint_that_an_orbit_excludes_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = "configs/translational-inspection/experiment.yml"
+    orbit = f"{SIMULATOR}.dynamics={{functor: RelativeOrbit, config: {{eccentricity: 0.01}}}}"
+    for enabled in (True, False):
+        code, lines, _, _ = table(
+            capsys, shipped, orbit, f"{_OWN}.enabled={enabled}", f"{_OWN}.disturbance={{velocity: 5e-3}}"
+        )
+        assert code == 1
+        assert lines[-2] == "the filter tolerates this"
+        assert lines[-1].endswith("needs a circular orbit and a sun in its plane: `constraints: {sun: !remove }`")
+
+
 def test_other_mistakes_are_reported_as_ever(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, _, said = table(capsys, ORBITS, f"{SIMULATOR}.dynamics.config.eccentricity=0.2")
     assert code == 2

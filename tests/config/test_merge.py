@@ -154,6 +154,19 @@ def test_a_mapping_merges_into_the_items_that_its_keys_name():
     assert PARTS[1]["config"]["axis"] == 1
 
 
+def test_a_mapping_removes_and_replaces_plain_names_of_a_list():
+    names = ["range", "sun", {"functor": "my.Wall", "config": {"offset": 1}}]
+    over = {"sun": Removal(), "Wall": {"config": {"offset": 2}}, "range": {"functor": "range", "config": {"r_max": 3}}}
+    assert merge([{"kept": names}, {"kept": over}])["kept"] == [
+        {"functor": "range", "config": {"r_max": 3}}, {"functor": "my.Wall", "config": {"offset": 2}}
+    ]  # fmt: skip
+    with pytest.raises(ConfigError, match=r"the list has no item named 'sum'; did you mean `sun`\?"):
+        merge([{"kept": names}, {"kept": {"sum": Removal()}}])
+    with pytest.raises(ConfigError, match="2 items of the list are named 'sun'"):
+        merge([{"kept": ["sun", "sun"]}, {"kept": {"sun": Removal()}}])
+    assert merge([{"kept": [1, 2]}, {"kept": {"a": 1}}])["kept"] == {"a": 1}, "numbers have no names"
+
+
 @pytest.mark.parametrize(
     ("name", "words"), [("Z", "the list has no item named 'Z'"), ("RateController", "2 items of the list are named")]
 )

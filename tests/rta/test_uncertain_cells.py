@@ -266,3 +266,38 @@ def test_a_certified_cell_of_a_half_space_is_safe_within_and_a_short_one_is_cert
         )
         refused += check("wall", certified, phi, span < 1.0)
     assert refused
+
+
+@njit
+def _numbers_of_cell(n, a, sun_a, b, sun_b, w, span):
+    cell = arc_cell(n, node(a, sun_a), node(b, sun_b), w, span)
+    return cell.acceleration_a, cell.acceleration_b, cell.eighth, cell.k, cell.reach
+
+
+@njit
+def _with_margin(m, a, sun_a, b, sun_b, w, span, length):
+    cell = arc_cell(m.n, node(a, sun_a), node(b, sun_b), w, span)
+    return further_uncertain(m, cell, Margins(length, 0.0, 0.0)) < 0
+
+
+@pytest.mark.parametrize("span", [60.0, 300.0, 900.0])
+def test_a_half_space_is_certified_up_to_the_margin_that_its_bound_leaves(span):
+    """The bound a second time: second and fourth derivatives of a . p, and three times that bound for b . v."""
+    wall = Wall(lead=(20.0, -30.0, 10.0))
+    run = BackupFilter(names=[wall])
+    state, generator = drawn("wall", 9)
+    control = generator.uniform(-1.0, 1.0, (CELLS, 3)) * 0.005
+    last, dips = flown(state, control, span), 0
+    normal, lead = np.array(wall.normal), np.array(wall.lead)
+    for i in range(60):
+        cell = *row(state, i), *row(last, i), tuple((control[i] / MASS).tolist()), span
+        first, second, eighth, k, reach = _numbers_of_cell(N, *cell)
+        curve = max(-normal @ first, -normal @ second)
+        dip = eighth * curve + 6.0 * k * k * reach * np.linalg.norm(normal) / N + 3.0 * k * reach * np.linalg.norm(lead)
+        ends = [40.0 - s.position[i] @ normal - s.velocity[i] @ lead for s in (state, last)]
+        x = np.linspace(0.0, 1.0, 20001)
+        least = (ends[0] + x * (ends[1] - ends[0]) - max(0.0, dip) * 4.0 * x * (1.0 - x)).min()
+        dips += dip > 0.0
+        assert _with_margin(run._model, *cell, least - 1e-6 * max(1.0, abs(least)))
+        assert not _with_margin(run._model, *cell, least + 1e-6 * max(1.0, abs(least)))
+    assert dips > 10

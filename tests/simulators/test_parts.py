@@ -9,6 +9,8 @@ from safe_inspect.environments import TeamEnvironment, load_spec
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.resets.attitudes import repeated_unit
 from safe_inspect.simulators.simulator import ComposedSimulator
+from safe_inspect.simulators.state import base_specs
+from safe_inspect.types import ArraySpec
 
 SPEC = load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=30"])
 ROWS, FLYING = 6, np.array([4, 1, 5])
@@ -89,3 +91,10 @@ def test_a_vector_is_repeated_with_length_one():
 def test_a_simulator_of_points_turns_nothing():
     with pytest.raises(ValueError, match="simulates point masses; platforms that turn need another simulator"):
         super(ComposedSimulator, ComposedSimulator()).with_attitude()
+
+
+def test_arrays_of_a_body_keep_their_type_value_and_constancy() -> None:
+    specs = base_specs(3, 2, 4, {"heat": ArraySpec((5,), np.float32, 7.0, constant=True), "x": ArraySpec(())})
+    assert specs["heat"] == ArraySpec((3, 5), np.float32, 7.0, constant=True)
+    assert specs["x"] == ArraySpec((3,))
+    assert specs["control"].shape == (2, 4)

@@ -8,14 +8,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from safe_inspect.cli.common import add_experiment_arguments
-from safe_inspect.config.building.disturbances import disturbances, required
+from safe_inspect.config.building.disturbances import disturbances, kept_by, required
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import ConfigError
 from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.tasks.inspection.sun import leaves_plane
 
 #: Paths of the mistakes that say that a filter does not tolerate the disturbances.
-_REFUSED = re.compile(r"(.*)\.config\.(disturbance(\.\w+)?|enabled)")
+_REFUSED = re.compile(r"(.*)\.config\.(disturbance(\.\w+)?|enabled|constraints)")
 _COLUMNS = {
     "velocity": "velocity [m/s]", "position_error": "position [m]", "velocity_error": "velocity error [m/s]",
     "thrust_gain": "thrust [-]", "thrust_direction": "direction [rad]",
@@ -94,4 +95,7 @@ def _print_filter(experiment: Experiment, name: str, plugin: Any) -> bool:
         print(f"the filter needs `disturbance: {{{required(found.total)}}}`")
     else:
         print("the filter tolerates this")
+    if "sun" in kept_by(plugin) and leaves_plane(*spec.simulator.compose()):
+        print("the constraint `sun` needs a circular orbit and a sun in its plane: `constraints: {sun: !remove }`")
+        return False
     return not exceeded and not found.unknown

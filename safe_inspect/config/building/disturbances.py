@@ -39,9 +39,9 @@ class Disturbances:
         """Names of the parts that have no bounds."""
         return [name for name, found in self.bounds.items() if found is None]
 
-    def by(self, field: str) -> str:
+    def by(self, field: str) -> list[str]:
         """Return the names of the parts that contribute to a field of the total."""
-        return " and ".join(name for name, found in self.bounds.items() if found and getattr(found, field) > 0.0)
+        return [name for name, found in self.bounds.items() if found and getattr(found, field) > 0.0]
 
 
 def disturbances(simulator: Simulator, plugin: Any, step_size: float, mass: float, thrust: float) -> Disturbances:
@@ -81,7 +81,7 @@ def check_motion(
     if getattr(plugin, "method", None) == "continuous":
         return
     tolerated = getattr(plugin, "disturbance", None)
-    silent, exceeded = dict[str, None](), dict[str, tuple[float, str]]()
+    silent, exceeded = dict[str, None](), dict[str, tuple[float, list[str]]]()
     for world in worlds:
         found = disturbances(simulator, plugin, world["step_size"], world["m"], world.get("u_max", 0.0))
         silent |= dict.fromkeys(found.unknown)
@@ -96,7 +96,7 @@ def check_motion(
             remedy = "declare them, disable the filter, or accept that it gives no guarantee with `undeclared: warn`"
             report((*where, "enabled"), f"{text}; {remedy}")
     if exceeded and tolerated is None:
-        by = " and ".join(dict.fromkeys(name for _, name in exceeded.values()))
+        by = " and ".join(dict.fromkeys(name for _, names in exceeded.values() for name in names))
         text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
         if "disturbance" in type(plugin).model_fields:
             asked = NO_DISTURBANCE.model_copy(update={field: value for field, (value, _) in exceeded.items()})
@@ -106,8 +106,8 @@ def check_motion(
         else:
             report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
         return
-    for field, (value, by) in exceeded.items():
-        text = f"the simulation's `{field}` is {value:g}, from {by}, which exceeds this bound"
+    for field, (value, names) in exceeded.items():
+        text = f"the simulation's `{field}` is {value:g}, from {' and '.join(names)}, which exceeds this bound"
         report((*where, "disturbance", field), f"{text}; raise the bound, or lower the disturbance")
 
 

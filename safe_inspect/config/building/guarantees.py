@@ -129,7 +129,10 @@ def _check_filter(
     if "sun" in kept:
         if leaves_plane(dynamics, components):
             text = "the constraint `sun` needs a sun in the orbital plane of a circular orbit, but this one has a "
-            report((*where, "constraints"), f"{text}beta angle, or the orbit is not circular; leave `sun` out")
+            report(
+                (*where, "constraints"),
+                f"{text}beta angle, or the orbit is not circular; leave `sun` out: `constraints: {{sun: !remove }}`",
+            )
         if not any(isinstance(component, Sun) for component in components):
             text = "the constraint `sun` needs the component `Sun`; add it, or leave `sun` out"
             report((*where, "constraints"), text)

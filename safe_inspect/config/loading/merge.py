@@ -74,7 +74,7 @@ def _over(old: Any, value: Any) -> Any:
     """Return the result of a value that overrides an older one."""
     if isinstance(value, Mapping) and isinstance(old, Mapping):
         return _pair(old, value)
-    if isinstance(value, Mapping) and isinstance(old, list) and old and all(names_of(item) for item in old):
+    if isinstance(value, Mapping) and isinstance(old, list) and old and all(map(_has_name, old)):
         for key in value:
             old = _with_item(old, str(key), value[key], locate(value, (key,)))
         return old
@@ -86,9 +86,9 @@ def _over(old: Any, value: Any) -> Any:
 
 def _with_item(items: list[Any], name: str, value: Any, location: Location | None) -> LocatedList:
     """Return a list of named items in which a value overrides or removes the item of a name."""
-    found = items_named(items, name)
+    found = items_named(items, name) or [index for index, item in enumerate(items) if item == name]
     if len(found) != 1:
-        known = {other for item in items for other in names_of(item)}
+        known = {other for item in items for other in (names_of(item) or [str(item)])}
         text, hint = f"the list has no item named {name!r}", did_you_mean(name, known)
         if name in ("functor", "part", "config"):
             hint = "a mapping changes items by their names; to add one, write `KEY+:` and a list"
@@ -109,6 +109,10 @@ def items_named(items: list[Any], name: str) -> list[int]:
     """Return the indices of the items with a name: a name from the user, otherwise that of a class."""
     given = [index for index, item in enumerate(items) if name in _given_names(item)]
     return given or [index for index, item in enumerate(items) if name in _class_names(item)]
+
+
+def _has_name(item: Any) -> bool:
+    return isinstance(item, str) or bool(names_of(item))
 
 
 def names_of(item: Any) -> list[str]:
