@@ -20,7 +20,7 @@ _FIRST_DRAW = 8_000
 _LARGEST_TURN = 0.05
 _STILL = (0.0, 0.0, 0.0)
 #: Components of a quaternion [x, y, z, w].
-Quaternion = tuple[float, float, float, float]
+_Quaternion = tuple[float, float, float, float]
 
 
 class FreeRotation(BaseModel):
@@ -66,7 +66,7 @@ class FreeSteps(NamedTuple):
 
 
 @njit
-def _times(p: Quaternion, q: Quaternion) -> Quaternion:
+def _times(p: _Quaternion, q: _Quaternion) -> _Quaternion:
     """Return the product of two quaternions: first the rotation q, then p."""
     return (
         p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1],
