@@ -19,7 +19,7 @@ from safe_inspect.cli.common import add_overrides, refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.evaluation.results.files import read_trajectories
+from safe_inspect.evaluation.results.files import is_evaluation, read_trajectories
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
@@ -206,7 +206,7 @@ def _episode(arguments: argparse.Namespace) -> tuple[Trajectory, str]:
 
 
 def _is_recording(source: Path) -> bool:
-    return source.suffix == ".parquet" or (source / "trajectories.parquet").is_file()
+    return source.suffix == ".parquet" or is_evaluation(source)
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
