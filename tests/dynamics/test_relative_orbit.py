@@ -292,3 +292,13 @@ def test_a_published_case_of_two_elliptic_orbits_to_its_printed_digits() -> None
     before, after = velocity.copy(), velocity.copy()
     relative_orbit_row(steps, chief, position, after, np.zeros(3), 1.0)
     np.testing.assert_allclose((after - before) / 0.01, [-0.2222, -0.1807, 0.5059], rtol=2.5e-4)
+
+
+def test_the_elements_of_an_orbit_are_those_of_its_reset() -> None:
+    rng = np.random.default_rng(8)
+    plugin = RelativeOrbit(eccentricity=0.1)
+    drawn = random_orbits(rng, 50, 0.1) | {"right_ascension": rng.uniform(0.0, 2.0 * math.pi, 50)}
+    figures = plugin.initial_figures(plugin.reset_shared(drawn, 50))
+    assert figures.keys() == plugin.parameters.keys()
+    for name, values in figures.items():
+        np.testing.assert_allclose(values, drawn[name], rtol=1e-9, atol=1e-9, err_msg=name)

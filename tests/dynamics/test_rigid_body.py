@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, normalise
 
 ASTROBEE = np.array([0.153427995, 0.14271405, 0.162302759])
@@ -56,3 +57,17 @@ def test_a_row_gives_the_same_bits_in_a_batch_of_any_size(rotated):
     alone = [rotated(q[i : i + 1], w[i : i + 1], torque[i : i + 1], 0.1, 10) for i in range(7)]
     assert (together[0] == np.concatenate([one[0] for one in alone])).all()
     assert (together[1] == np.concatenate([one[1] for one in alone])).all()
+
+
+@pytest.mark.parametrize(
+    ("inertia", "said"),
+    [
+        (np.diag([1.0, 1.0, 2.1]), "no body has the principal moments 1, 1 and 2.1"),
+        (np.diag([1.0, 1.0, -1.0]), "positive definite, its least principal moment is -1"),
+        (np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "symmetric matrix"),
+        (np.eye(2), "symmetric matrix"),
+    ],
+)
+def test_a_matrix_that_is_no_inertia_is_refused(inertia, said):
+    with pytest.raises(ValueError, match=said):
+        principal_axes(inertia)

@@ -105,3 +105,17 @@ def test_without_a_joint_plan_all_plans_are_forgotten_but_those_of_ended_deputie
         found = run(state, np.zeros((1, DEPUTIES, 3)), np.zeros((1, DEPUTIES), np.int8), tracks)
         assert found.infeasible.any()
         assert found.tracks[0, :, 9].tolist() == [0.0, 0.0, 1.0 if ended else 0.0]
+
+
+def test_the_desired_thrust_of_an_ended_deputy_has_no_effect_whatever_it_is():
+    state = states(4)
+    finished = np.zeros((4, DEPUTIES), np.bool_)
+    finished[:, 1] = True
+    state = TeamState(state.position, state.velocity, state.sun_angle, finished)
+    desired = np.random.default_rng(2).uniform(-1.0, 1.0, (4, DEPUTIES, 3))
+    found = []
+    for value in (0.0, 1.0, np.nan):
+        desired[:, 1] = value
+        found.append(TeamFilter()(state, desired).control)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])

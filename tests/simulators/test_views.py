@@ -35,7 +35,8 @@ def world() -> World:
 @pytest.mark.parametrize(("first", "size"), [(0, 1), (2, 1), (0, 2), (1, 3), (0, 4)])
 def test_a_group_sees_its_own_deputies_environment_by_environment(world, first, size):
     state = drawn(1)
-    view = View(state, world, Group("some", first, size, {}))
+    there = np.array([3.0, -4.0, 2.0])
+    view = View(state, world, Group("some", first, size, {"there": lambda view: np.tile(there, (view.num_rows, 1))}))
     row = 0
     for env in range(ENVS):
         for own in range(first, first + size):
@@ -51,6 +52,7 @@ def test_a_group_sees_its_own_deputies_environment_by_environment(world, first, 
             assert view.own_index[row] == own
             assert np.broadcast_to(view.mass, view.num_rows)[row] == MASSES[own]
             assert view.range_to(None)[row] == pytest.approx(np.linalg.norm(state["position"][env, own]))
+            assert view.range_to("there")[row] == pytest.approx(np.linalg.norm(state["position"][env, own] - there))
             row += 1
     assert row == view.num_rows == len(view.position) == len(view.others_velocity)
 
