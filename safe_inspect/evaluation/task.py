@@ -19,14 +19,17 @@ from safe_inspect.metrics import (
     BaseMetric,
     Decisions,
     DeltaVAfterLastPoint,
+    EstimateError,
     Interventions,
     InvalidActions,
     LargestRange,
     LargestSpeed,
+    ReadingError,
     SmallestPhi,
     SmallestRange,
     TimeToCoverage,
 )
+from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.functor import build, describe
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
@@ -74,7 +77,7 @@ def _points_of(spec: EnvironmentSpec) -> tuple[str, ...]:
 
 
 def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
-    """Return the default metrics of a task: ranges, speed, interventions, coverage and the phi of each constraint.
+    """Return the default metrics of a task: ranges, speed, interventions, coverage, errors and phi of each constraint.
 
     The constraints are those of the agents' safety glues and of the team filter, with their parameters, whether or not
     these are enabled.
@@ -91,6 +94,12 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     for name in _points_of(spec)[:1]:
         metrics += [TimeToCoverage(inspection_entity_name=name), DeltaVAfterLastPoint(inspection_entity_name=name)]
     found: dict[str, BaseMetric] = {}
+    if any(component.estimates for component in spec.simulator.disturbance):
+        metrics += [EstimateError(quantity=quantity) for quantity in ("position", "velocity")]
+    for agent in spec.agents:
+        inaccurate = [part for part in agent.parts.values() if isinstance(part, Sensor) and part.errors is not None]
+        for error in [ReadingError(sensor=part.part_name, symbol=part.symbol) for part in inaccurate]:
+            found.setdefault(error.label, error)
     for filtering in filters:
         for metric in _constraints(filtering) if filtering is not None else ():
             found.setdefault(metric.label, metric)

@@ -20,6 +20,7 @@ from safe_inspect.metrics.flight import (
     ThrustingSteps,
 )
 from safe_inspect.metrics.safety import ClosestDeputies, Interventions, InterventionShare, InvalidActions, SmallestPhi
+from safe_inspect.metrics.sensing import EstimateError, ReadingError
 
 __all__ = [
     "BaseMetric",
@@ -29,6 +30,7 @@ __all__ = [
     "DeltaVAfterLastPoint",
     "DeltaVToCoverage",
     "EpisodeLength",
+    "EstimateError",
     "InspectedFraction",
     "InspectedPoints",
     "InspectedScore",
@@ -39,6 +41,7 @@ __all__ = [
     "LargestSpeed",
     "Metric",
     "OwnInspectedPoints",
+    "ReadingError",
     "Reduce",
     "SmallestPhi",
     "SmallestRange",

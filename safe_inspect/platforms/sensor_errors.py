@@ -119,6 +119,10 @@ class Measured:
         """Return the reading, SI, shape (R, size)."""
         return view.memory(self._sensor.part_name, _READING)
 
+    def truth(self, view: View) -> FloatArray:
+        """Return the value without errors, SI, shape (R, size)."""
+        return np.ascontiguousarray(self._sensor(view), dtype=np.float64)
+
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that writes the reading."""
         return RowTerm(copy_vector, (SensorMemory(self._sensor.part_name, _READING),))
@@ -139,6 +143,6 @@ class Measured:
         errors, state = self._errors, view.writable
         growth = errors.walk * math.sqrt(view.world.step_size)
         rule = np.array([errors.noise, errors.bias, growth, errors.resolution, errors.dropout, *self._sensor.limits])
-        truth = np.ascontiguousarray(self._sensor(view), dtype=np.float64)
+        truth = self.truth(view)
         memory = (view.memory(name, array) for array in (_READING, _BIAS, _LATE))
         _measure(rule, self._salt, view.group.size, state.key, state.step, truth, *memory)

@@ -70,6 +70,11 @@ class Component(Plugin):
         return None
 
     @property
+    def estimates(self) -> bool:
+        """Whether the component estimates the states of the deputies, with errors. False by default."""
+        return False
+
+    @property
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that the component needs. Empty by default."""
         return ()

@@ -32,13 +32,18 @@ class BoundedDisturbance(DisturbanceBounds, Component):
 
     distribution: Literal["uniform", "extreme"] = "uniform"
 
+    @property
+    def estimates(self) -> bool:
+        """Whether estimated states have errors."""
+        return bool(self.position_error or self.velocity_error)
+
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
         """Return the fields of this plugin."""
         return self
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running disturbance."""
-        cls = _Estimated if self.position_error or self.velocity_error else _Disturbed
+        cls = _Estimated if self.estimates else _Disturbed
         return cls(self, world.num_deputies)
 
 

@@ -52,6 +52,11 @@ class KalmanFilter(Component):
     initial_position: PositiveLength = 1.0
     initial_velocity: PositiveSpeed = 0.01
 
+    @property
+    def estimates(self) -> bool:
+        """True."""
+        return True
+
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running filters.
 
