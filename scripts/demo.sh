@@ -8,3 +8,4 @@ bash scripts/setup.sh
 "${VENV:-.venv}/bin/python" -m safe_inspect.train_rl \
     --cfg configs/translational-inspection/experiment-burn-and-coast.yml \
     num_env_steps_sampled_lifetime=13000000 "$@"
+echo "activate the environment for these commands: . ${VENV:-.venv}/bin/activate"

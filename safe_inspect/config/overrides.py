@@ -224,6 +224,8 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         known = known.union(*(_names(value_at(tree, path)) for path in holders))
         message = f"there is no `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
         hint = key_hint(parts[depth], known) if known else ""
+        if parts[depth] in known:
+            hint = "it is not given here; if a reference gives it, change it in the `reference_store`"
         if depth == len(parts) - 1 and len(_missing(tree, parts[-1:])[1]) == 1:
             hint = f"write `{parts[-1]}=...`"  # the last component alone has one match
         return Problem(message if known else f"{message}, which contains no keys", "", location, hint)

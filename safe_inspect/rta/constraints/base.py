@@ -117,6 +117,7 @@ class Constraint(Plugin):
             motion, because the filters use that of the orbit.
 
     Attributes:
+        name: Name in messages and results, to distinguish several constraints of one class; default: that of the class.
         alpha_linear: Linear coefficient of alpha [1/s].
         alpha_cubic: Cubic coefficient of alpha [1/(s h^2)].
         bias: Margin added to h within alpha [units of h]; a negative value keeps the state off the boundary.
@@ -129,6 +130,7 @@ class Constraint(Plugin):
     kernels: ClassVar[RowKernels | None] = None
     uncertified: ClassVar[frozenset[str]] = frozenset({"alpha_linear", "alpha_cubic", "bias"})
 
+    name: str = ""
     alpha_linear: float = 0.01
     alpha_cubic: float = 0.001
     bias: float = 0.0

@@ -38,10 +38,14 @@ def constraint_set(
     known = ConstraintParameters.of(parameters)
     built: dict[str, Constraint] = {}
     for entry in names:
-        name = name_of(entry)
-        if name in built:
-            raise ValueError(f"the constraint {name!r} is given twice; remove one")
         cls, given = _class_of(entry), {}
+        name = name_of(entry)
+        fixed = cls.pair or cls.kernels is not None
+        if fixed and name != cls.registered_name:
+            raise ValueError(f"the constraint {cls.registered_name!r} cannot have another `name`; remove it")
+        if name in built:
+            remedy = "remove one" if fixed else "remove one, or give each a `name`"
+            raise ValueError(f"the constraint {name!r} is given twice; {remedy}")
         if isinstance(entry, Constraint):
             given = {field: getattr(entry, field) for field in entry.model_fields_set}
         if cls.pair and deputy_radius is not None and "deputy_radius" in cls.model_fields:
@@ -76,8 +80,10 @@ def _check_room(constraints: Mapping[str, Any]) -> None:
 
 
 def name_of(entry: str | Constraint) -> str:
-    """Return the name that identifies a constraint: its field `name` if it has one, otherwise its registered name."""
-    return entry if isinstance(entry, str) else str(getattr(entry, "name", entry.registered_name))
+    """Return the name that identifies a constraint: its field `name` if it is given, otherwise its registered name."""
+    if isinstance(entry, Constraint):
+        return entry.name or entry.registered_name
+    return entry if "." not in entry else _class_of(entry).registered_name
 
 
 def gives_half_space(entry: str | Constraint) -> bool:
