@@ -1,4 +1,4 @@
-"""Several constraints of one class, told apart by their names."""
+"""Several constraints of one class, distinguished by their names."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Side(Constraint, name="NamedSide"):
 HERE = f"{__name__}.Side"
 
 
-def test_two_of_a_class_have_names_of_their_own():
+def test_two_of_a_class_have_different_names():
     near, far = Side(name="near"), Side(name="far", limit=90.0)
     found = constraint_set({}, [near, far, Side(), "r_max"])
     assert list(found) == ["near", "far", "NamedSide", "r_max"]
