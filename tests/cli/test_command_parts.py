@@ -194,7 +194,7 @@ def test_the_exit_code_of_an_audit(
     monkeypatch.syspath_prepend(tmp_path)
     own = "reference_store.constraints+=[ceiling.CeilingOfAudit]"
     assert typed("safety", EXPERIMENT, "--audit", "1999", "--seed", "7", own)[2].splitlines()[-1] == (
-        "note: ceiling.CeilingOfAudit not audited, because the audit only has independent definitions of the built-in "
+        "note: CeilingOfAudit not audited, because the audit only has independent definitions of the built-in "
         "constraints; run `safe-inspect safety` without --audit to test it"
     )
     docking = str(configs_root() / "docking" / "experiment.yml")

@@ -206,7 +206,7 @@ def _episode(arguments: argparse.Namespace) -> tuple[Trajectory, str]:
 
 
 def _is_recording(source: Path) -> bool:
-    return source.suffix == ".parquet" or is_evaluation(source)
+    return source.suffix == ".parquet" or (source / "trajectories.parquet").is_file() or is_evaluation(source)
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
