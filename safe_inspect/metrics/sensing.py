@@ -14,7 +14,7 @@ from safe_inspect.types import FloatArray
 
 
 class ReadingError(Metric):
-    """Mean length of the difference between the reading of a sensor and its true value after the steps; shape (R,).
+    """Mean length of the difference that a sensor's `errors` make to its reading after the steps; shape (R,).
 
     Attributes:
         sensor: Name of the sensor.

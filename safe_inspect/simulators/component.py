@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
+from safe_inspect.errors import ArgumentError
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -83,6 +84,18 @@ class Component(Plugin):
     def radii(self) -> Mapping[str, float]:
         """Radius [m], by name, of the bodies whose size the component defines. Empty by default."""
         return {}
+
+
+def require_different(components: Sequence[Component]) -> None:
+    """Check that there are no two components of one class, which would write the same arrays.
+
+    Raises:
+        ArgumentError: There are.
+    """
+    names = [component.registered_name for component in components]
+    for name in names:
+        if names.count(name) > 1:
+            raise ArgumentError(f"there are {names.count(name)} components {name}; combine them into one")
 
 
 class RunningComponent:

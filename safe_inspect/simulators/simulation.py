@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.dynamics.base import Dynamics, advance_kernel
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators.component import Component, RunningComponent
+from safe_inspect.simulators.component import Component, RunningComponent, require_different
 from safe_inspect.simulators.offers import Offers
 from safe_inspect.simulators.prefetch import MIN_PREFETCH, InitialStatePrefetcher
 from safe_inspect.simulators.protocols import DeclaresMemory
@@ -93,6 +93,7 @@ class Simulation:
         for component in components:
             running = self.components[component.registered_name] = component(self.world, num_envs)
             offers.add(running)
+        require_different(components)
         self._actuating = [
             running for running in self.components.values() if type(running).actuate is not RunningComponent.actuate
         ]

@@ -6,13 +6,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.plugins.functor import functor_field, functors_field
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.component import Component
+from safe_inspect.simulators.component import Component, require_different
 from safe_inspect.simulators.protocols import DeclaresMemory
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulation import Simulation
@@ -33,6 +33,12 @@ class Simulator(Plugin):
 
     decimation: int = Field(default=1, ge=1)
     disturbance: functors_field("component") = ()  # type: ignore[valid-type]
+
+    @field_validator("disturbance")
+    @classmethod
+    def _different(cls, components: tuple[Component, ...]) -> tuple[Component, ...]:
+        require_different(components)
+        return components
 
     @abstractmethod
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:

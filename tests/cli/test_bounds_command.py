@@ -81,3 +81,12 @@ def test_other_mistakes_are_reported_as_ever(capsys: pytest.CaptureFixture[str])
     assert "the perigee is inside of the Earth" in said
     code, lines, _, _ = table(capsys, "configs/translational-inspection/experiment.yml")
     assert (code, lines[-1]) == (0, "the filter tolerates this")
+
+
+def test_what_else_keeps_a_filter_from_being_enabled_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = "configs/translational-inspection/experiment.yml"
+    code, lines, _, _ = table(capsys, shipped, f"{_OWN}.enabled=True", "illumination_params.mean_motion=0.002")
+    assert code == 1
+    assert lines[-2] == "the filter tolerates this"
+    assert lines[-1].startswith("it is also refused: ")
+    assert "the constraint `sun` needs a sun with one rotation per orbit" in lines[-1]

@@ -109,7 +109,7 @@ def test_a_row_of_a_batch_rotates_as_alone_and_points_are_inspected():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("chief_rotation={inertia: [1, 1, 3]}", "no body has the moments of inertia"),
+        ("chief_rotation={inertia: [1, 1, 3]}", "no body has the principal moments 1, 1 and 3 kg m"),
         ("chief_rotation={inertia: [1, 1, 1], rate: [0.1, 0.05]}", "the smallest `rate` 0.1 is above the largest 0.05"),
         ("chief_rotation={inertia: [1, 1]}", "chief_rotation.inertia"),
         ("chief_rotation={inertia: [1, 1, 0]}", r"chief_rotation\.inertia\[2\]"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -256,3 +257,29 @@ def test_the_sun_of_a_date_needs_an_orbit_and_a_date() -> None:
         environment("illumination_params.date=2026-03-20")
     with pytest.raises(ConfigError, match=r"illumination_params\.date"):
         environment("illumination_params.date=yesterday")
+
+
+def test_a_date_in_a_file_stays_a_date_in_what_a_training_writes(tmp_path: Path) -> None:
+    """YAML would make it an object that JSON and the resolved experiment cannot contain."""
+    path = tmp_path / "dated.yml"
+    for written in ("2026-06-21", "2026-06-21 08:25", "2026-06-21T08:25:00Z", "'2026-06-21'"):
+        path.write_text(
+            "- !include configs/translational-inspection/experiment.yml\n"
+            "- env_config: {simulator: {config: {\n"
+            f"    illumination_params: {{date: {written}}}, dynamics: RelativeOrbit}}}}}}\n"
+        )
+        experiment = load_experiment(path, [])
+        json.dumps(experiment.tree)
+        assert experiment.spec.simulator.illumination_params.date.date().isoformat() == "2026-06-21"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("illumination_params.date=20260320", "expected a date such as '2026-06-21 08:25', got 20260320"),
+        ("illumination_params={date: 2026-03-20, beta_angle: 0.1}", "`date` and `beta_angle` exclude each other"),
+    ],
+)
+def test_a_number_is_no_date_and_a_date_excludes_the_beta_angle(given: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        environment(given, "dynamics=RelativeOrbit")

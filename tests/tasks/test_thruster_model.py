@@ -13,7 +13,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import MotionLimits
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.errors import ConfigError, InitialStateError
+from safe_inspect.errors import ArgumentError, ConfigError, InitialStateError
 from safe_inspect.tasks import SolarPressure, ThrusterModel
 
 SIMULATOR = "config.config.env_config.simulator.config"
@@ -178,7 +178,7 @@ def test_bounds_are_those_of_each_error():
         ThrusterModel(gain_error=0.8, misalignment=0.1).disturbance_bounds(limits)
 
 
-def test_wrong_fields_are_refused_where_they_stand():
+def test_wrong_fields_are_refused_with_their_place():
     with pytest.raises(ConfigError, match=r"disturbance\.config\.minimum_impulse: expected a number of 0 or more"):
         with_thrusters(1, minimum_impulse=-1.0)
     with pytest.raises(ConfigError, match=r"disturbance\.config\.minimum_impulse: 'kg' is not a unit of impulse"):
@@ -223,3 +223,14 @@ def test_sunlight_pushes_deputies_away_from_the_sun(eclipse):
 def test_the_pressure_of_sunlight_needs_a_sun():
     with pytest.raises(InitialStateError, match="needs the component `Sun`"):
         environment(1, f"{SIMULATOR}.disturbance=SolarPressure", task="docking")
+
+
+def test_two_components_of_one_class_are_refused_not_lost():
+    twice = (
+        "[{functor: ThrusterModel}, {functor: BoundedDisturbance}, {functor: ThrusterModel, config: {gain_error: 0.1}}]"
+    )
+    with pytest.raises(ConfigError, match=r"config\.disturbance: there are 2 components ThrusterModel; combine"):
+        environment(1, f"{SIMULATOR}.disturbance={twice}")
+    composed = "{type: ComposedSimulator, config: {components: [{functor: SolarPressure}, {functor: SolarPressure}]}}"
+    with pytest.raises(ArgumentError, match="there are 2 components SolarPressure; combine them into one"):
+        environment(1, f"config.config.env_config.simulator={composed}", task="docking")

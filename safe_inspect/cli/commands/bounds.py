@@ -11,11 +11,11 @@ from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.building.disturbances import disturbances, kept_by, required
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.errors import ConfigError
+from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.tasks.inspection.sun import leaves_plane
 
-#: Paths of the mistakes that say that a filter does not tolerate the disturbances.
+#: Paths of the mistakes that say why a filter cannot be enabled.
 _REFUSED = re.compile(r"(.*)\.config\.(disturbance(\.\w+)?|enabled|constraints)")
 _COLUMNS = {
     "velocity": "velocity [m/s]", "position_error": "position [m]", "velocity_error": "velocity error [m/s]",
@@ -30,33 +30,39 @@ def add_bounds_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_bounds(arguments: argparse.Namespace) -> int:
     """Print the disturbances; return 1 if a filter does not tolerate them."""
-    experiment, refused = _load(arguments)
+    experiment, problems = _load(arguments)
+    refused = {problem.path.partition(".")[0] for problem in problems}
     found = list(_filters(experiment))
     if not found:
         raise ConfigError(f"{arguments.cfg}: there is no safety filter; wrap the controllers in one")
-    used = [each for each in found if each[2].enabled or each[0] in {path.split(".")[0] for path in refused}] or found
+    used = [each for each in found if each[2].enabled or each[0] in refused] or found
     tolerated = []
     for number, (_, name, plugin) in enumerate(used):
         print("\n" * (number > 0), end="")
         tolerated.append(_print_filter(experiment, name, plugin))
-    return 0 if all(tolerated) else 1
+    printed = re.compile("disturbance|circular orbit")
+    others = [problem for problem in problems if not printed.search(f"{problem.path} {problem.message}")]
+    for problem in others:
+        print(f"it is also refused: {problem}")
+    return 0 if all(tolerated) and not others else 1
 
 
-def _load(arguments: argparse.Namespace) -> tuple[Experiment, set[str]]:
-    """Return the experiment, with the filters disabled that do not tolerate its disturbances, and their paths."""
+def _load(arguments: argparse.Namespace) -> tuple[Experiment, Sequence[Problem]]:
+    """Return the experiment, with the filters disabled that are refused, and why they are."""
 
     def load(more: Sequence[str] = ()) -> Experiment:
         overrides = [*arguments.overrides, *more]
         return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
 
     try:
-        return load(), set()
+        return load(), ()
     except ConfigError as error:
         matches = [_REFUSED.fullmatch(problem.path) for problem in error.problems]
         if not all(matches):
             raise
-        refused = {match[1] for match in matches if match}
-        return load([path.replace("[", ".").replace("]", "") + ".config.enabled=False" for path in refused]), refused
+        paths = dict.fromkeys(match[1] for match in matches if match)
+        disabled = [path.replace("[", ".").replace("]", "") + ".config.enabled=False" for path in paths]
+        return load(disabled), error.problems
 
 
 def _filters(experiment: Experiment) -> Iterator[tuple[str, str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import date
 from typing import Any
 
 import yaml
@@ -123,7 +124,7 @@ class Constructor:
                 return self._wrong(
                     node, f"YAML reads `{node.value}` as {value}", f"write {value} if that is intended, or quote it"
                 )
-            return value
+            return node.value if isinstance(value, date) else value  # JSON and resolved files have no dates
         except (ValueError, KeyError, OverflowError, yaml.YAMLError):
             kind = _KINDS.get(node.tag.removeprefix(_STANDARD), "value of that tag")
             return self._wrong(node, f"{node.value!r} is not a valid {kind}", "quote it if it is a string")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
+from safe_inspect.tasks.inspection.sun import WrittenDate, require_one_direction
 from safe_inspect.units import ElevationAngle, Length, NonNegativeLength, PositiveAngularRate, PositiveLength
 
 
@@ -69,7 +68,7 @@ class IlluminationParams(BaseModel):
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     eclipse: bool = False
     beta_angle: ElevationAngle | None = None
-    date: datetime | None = None
+    date: WrittenDate | None = None
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True
@@ -96,6 +95,11 @@ class IlluminationParams(BaseModel):
             shininess=chief.shininess,
             ray_offset=self.ray_offset,
         )
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> IlluminationParams:
+        require_one_direction(self)
+        return self
 
     @model_validator(mode="after")
     def _no_rendering(self) -> IlluminationParams:

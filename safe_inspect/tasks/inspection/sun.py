@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import BeforeValidator, model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
@@ -128,6 +129,26 @@ def shade(shadow: Shadow, distance: FloatArray, direction: FloatArray, sunlight:
             light[n, axis] = direction[n, axis] if direction[n, 0] >= shadow.edge else math.nan
 
 
+def _written_date(value: Any) -> Any:
+    if isinstance(value, int | float):  # which Pydantic takes as seconds since 1970
+        raise ValueError(f"expected a date such as '2026-06-21 08:25', got {value}")
+    return value
+
+
+#: Field type of a date and time; a time without a zone is UTC.
+WrittenDate = Annotated[datetime, BeforeValidator(_written_date)]
+
+
+def require_one_direction(sun: Any) -> None:
+    """Check that not both `date` and `beta_angle` are given.
+
+    Raises:
+        ValueError: Both are.
+    """
+    if sun.date is not None and sun.beta_angle is not None:
+        raise ValueError("`date` and `beta_angle` exclude each other; remove one of them")
+
+
 def sun_on(date: datetime) -> tuple[float, float, float]:
     """Return the unit vector to the sun in the Earth's equatorial axes of that date, to about 0.01 degrees.
 
@@ -161,7 +182,7 @@ class Sun(Component):
         beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
             parameter ``beta_angle`` replaces; None: the sun is in the plane.
         date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
-            date in all episodes, and neither ``sun_angle`` nor `beta_angle` is used. None: these two determine it.
+            date in all episodes, and ``sun_angle`` is not used. Excludes `beta_angle`. None: these two determine it.
     """
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
@@ -172,7 +193,12 @@ class Sun(Component):
     eclipse: bool = False
     distance: PositiveLength = 150e9
     beta_angle: ElevationAngle | None = None
-    date: datetime | None = None
+    date: WrittenDate | None = None
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> Sun:
+        require_one_direction(self)
+        return self
 
     @property
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
