@@ -2,9 +2,10 @@
 
 A component of the path is a key or, for the items of a list, an index (``list.0`` or ``list[0]``) or a name:
 the item's ``name``, its class, or its controller or sensor. A path whose first component is not at the root is the
-end of a path, which must match exactly one position. If no file contains the last component, the path must match the
-one position that may contain it (`safe_inspect.config.known_places`); words of other libraries are not accepted as
-keys. ``~path`` removes a key or an item.
+end of a path, which must match exactly one position. Components after the first may leave out ``config``. If no file
+contains the last component, the path must match the one position that may contain it
+(`safe_inspect.config.known_places`); words of other libraries are not accepted as keys. ``~path`` removes a key or an
+item.
 """
 
 from __future__ import annotations
@@ -107,6 +108,9 @@ def _appended(tree: Any, parts: list[str], text: str, location: Location) -> Any
     whole = [*parts[:-1], parts[-1].removesuffix(APPEND)]
     lists = [path for path in _existing(tree, whole) if isinstance(value_at(tree, path), list)]
     if not lists:
+        if stored := _stored(tree, whole):
+            hint = f"write `reference_store.{stored}{APPEND}=...`"
+            raise ConfigError(Problem(f"`{whole[-1]}` is given by a reference", location=location, hint=hint))
         problem = _unknown(tree, whole, location)
         raise ConfigError(replace(problem, hint=problem.hint.replace("=...", f"{APPEND}=...")))
     if len(lists) > 1:
@@ -117,10 +121,22 @@ def _appended(tree: Any, parts: list[str], text: str, location: Location) -> Any
     return with_value(tree, path[:-1], holder, None)
 
 
+def _stored(tree: Any, parts: list[str]) -> str | None:
+    """Return the key of the reference store from which the last component of a path is taken, or None."""
+    for path in _existing(tree, parts[:-1]) if len(parts) > 1 else []:
+        functor = value_at(tree, path[:-1] if path[-1] == "config" else path)
+        references = functor.get("references") if isinstance(functor, Mapping) else None
+        if isinstance(references, Mapping) and isinstance(references.get(parts[-1]), str):
+            return str(references[parts[-1]])
+    return None
+
+
 def _accepting(tree: Any, parts: list[str]) -> list[Found]:
     """Return the matches of a path to the `config` of a plugin that has none yet, or to a field in it."""
-    depth = len(parts) - 1 - (parts[-2:-1] == ["config"])
-    if depth < 1 or parts[depth] != "config":
+    if "config" not in parts[-2:]:
+        parts = [*parts[:-1], "config", parts[-1]]
+    depth = len(parts) - 1 - (parts[-2] == "config")
+    if depth < 1:
         return []
     found = []
     for path in _existing(tree, parts[:depth]):
@@ -239,11 +255,14 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     return Problem(f"there is no `{first}` in the configuration", "", location, key_hint(first, known))
 
 
-def _walk(node: Any, parts: list[str]) -> list[Found]:
-    """Return all existing paths below a node that the components match."""
+def _walk(node: Any, parts: list[str], inner: bool = False) -> list[Found]:
+    """Return all existing paths below a node that the components match; an inner one may leave out `config`."""
     if not parts:
         return [()]
-    return [step + rest for step in _steps(node, parts[0]) for rest in _walk(value_at(node, step), parts[1:])]
+    steps = list(_steps(node, parts[0]))
+    if inner and not steps and isinstance(node, Mapping) and isinstance(node.get("config"), Mapping):
+        return [("config", *path) for path in _walk(node["config"], parts, True)]
+    return [step + rest for step in steps for rest in _walk(value_at(node, step), parts[1:], True)]
 
 
 def _steps(node: Any, part: str) -> Iterator[Found]:

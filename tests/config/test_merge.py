@@ -124,6 +124,13 @@ def test_a_misspelt_list_to_append_to_is_suggested(base):
         merge([base, {"rewads+": [4]}])
 
 
+def test_a_list_that_a_reference_gives_is_appended_to_in_the_store():
+    base = {"config": {"enabled": True}, "references": {"constraints": "limits"}}
+    with pytest.raises(ConfigError, match=r"is given by a reference; .*`reference_store: \{limits\+: \[...\]\}`"):
+        merge([base, {"config": {"constraints+": [4]}}])
+    assert merge([base, {"config": {"enabled": False}}])["config"] == {"enabled": False}
+
+
 def test_a_list_within_the_list_is_merged_first():
     assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
     with pytest.raises(ConfigError, match="must be a mapping, not 7"):

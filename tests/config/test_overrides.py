@@ -299,7 +299,13 @@ def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_messag
 
 
 @pytest.mark.parametrize(
-    "override", ["parts.Sensor_Position.config={errors: {noise: 0.5}}", "parts.3.config.errors={noise: 50 cm}"]
+    "override",
+    [
+        "parts.Sensor_Position.config={errors: {noise: 0.5}}",
+        "parts.3.config.errors={noise: 50 cm}",
+        "parts.3.errors={noise: 50 cm}",
+        "blue0_ctrl.parts.Sensor_Position.errors={noise: 50 cm}",
+    ],
 )
 def test_a_short_path_reaches_the_config_of_a_plugin_without_one(override):
     (part,) = [
@@ -308,6 +314,17 @@ def test_a_short_path_reaches_the_config_of_a_plugin_without_one(override):
         if part.registered_name == "Sensor_Position"
     ]
     assert part.errors.noise == 0.5
+
+
+def test_inner_parts_of_a_path_may_leave_out_config(tree):
+    found = apply_overrides(tree, ["blue0_ctrl.rewards+=[{functor: peer.Fuel}]"])
+    assert found == apply_overrides(tree, ["blue0_ctrl.config.rewards+=[{functor: peer.Fuel}]"])
+
+
+def test_a_list_that_a_reference_gives_is_changed_in_the_store():
+    for override in ("RTAGlueCWHInspection1v1.config.constraints+=[a.B]", "RTAGlueCWHInspection1v1.constraints+=[a.B]"):
+        with pytest.raises(ConfigError, match=r"by a reference; write `reference_store\.constraints\+=\.\.\.`"):
+            load_experiment("configs/translational-inspection/experiment.yml", [override])
 
 
 def test_a_plus_appends_to_the_list_of_a_path(tree):
@@ -320,7 +337,7 @@ def test_a_plus_appends_to_the_list_of_a_path(tree):
     for wrong, words in {
         "rewadrs+=[1]": "there is no `rewadrs` in the configuration; did you mean `rewards`?",
         "rewards+=1": "`rewards+` must be a list, not 1",
-        "blue0_ctrl.rewards+=[1]": "there is no `rewards` in `blue0_ctrl`",
+        "blue0_ctrl.rewadrs+=[1]": "there is no `rewadrs` in `blue0_ctrl`",
     }.items():
         with pytest.raises(ConfigError) as caught:
             apply_overrides(tree, [wrong])

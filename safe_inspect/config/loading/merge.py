@@ -57,6 +57,8 @@ def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
         if isinstance(key, str) and key.endswith(APPEND):
             append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
             continue
+        if key == "config" and isinstance(value, Mapping):
+            _refuse_to_append_to_references(merged.get("references"), value)
         if isinstance(value, Removal):
             if key not in merged:
                 hint = did_you_mean(str(key), merged)
@@ -161,6 +163,15 @@ def append(merged: LocatedDict, key: str, items: Any, location: Location | None)
     if location is not None:
         merged.marks.pop(key, None)  # so that the newest key comes last
         merged.marks[key] = location
+
+
+def _refuse_to_append_to_references(references: Any, config: Mapping[Any, Any]) -> None:
+    """Raise a `ConfigError` if a functor's `config` appends to a list that its `references` take from the store."""
+    for key in config:
+        field = str(key).removesuffix(APPEND)
+        if field != key and isinstance(references, Mapping) and field in references:
+            hint = f"append to the list itself: `reference_store: {{{references[field]}+: [...]}}`"
+            raise ConfigError(Problem(f"`{field}` is given by a reference", str(key), locate(config, (key,)), hint))
 
 
 def _lists(mapping: Mapping[Any, Any]) -> list[str]:
