@@ -142,3 +142,10 @@ def test_load_if_path_takes_plain_texts(write):
     assert load_if_path(3) == 3
     with pytest.raises(ConfigError, match=r"^x/a.yml:1: the included file does not exist: 'nowhere.yml'"):
         load_if_path("nowhere.yml", locate(tree, ("config",)))
+
+
+def test_a_name_that_is_too_long_for_a_file_is_no_file(write):
+    for name in ("x" * 5000, "x" * 5000 + "/a.yml"):
+        write({"x/a.yml": f"a: !include {name}\n"})
+        with pytest.raises(ConfigError, match="the included file does not exist"):
+            load("x/a.yml")

@@ -32,7 +32,7 @@ def places(name: str, including: Path | None, outermost: Path | None) -> list[Pa
 
 def hint(name: str, tried: list[Path], including: Path | None) -> str:
     """Return a suggestion for the name of a file that was not found; empty if no name is similar."""
-    if including is not None and not name.startswith(".") and (including.parent / name).is_file():
+    if including is not None and not name.startswith(".") and os.path.isfile(including.parent / name):
         return f"to include the file next to this one, write `./{name}`"
     for place in tried:
         near = _near(place, including)
@@ -50,7 +50,7 @@ def hint(name: str, tried: list[Path], including: Path | None) -> str:
 def _near(place: Path, but: Path | None) -> Path | None:
     """Return the existing file or folder, other than a given one, whose name is most similar to what is missing."""
     missing = place
-    while not missing.parent.is_dir():
+    while not os.path.isdir(missing.parent):  # also for names that are too long
         if missing.parent == missing:
             return None
         missing = missing.parent
