@@ -32,7 +32,7 @@ from safe_inspect.rendezvous.missions.mission import Mission
 #: camera and inertial unit at once.
 _KINDS = {
     "camera": 0.25, "imu": 0.2, "blind": 0.1, "imu_bias": 0.12,
-    "tumble": 0.15, "planner": 0.05, "solver": 0.1, "shape": 0.03,
+    "tumble": 0.15, "planner": 0.15, "shape": 0.03,
 }  # fmt: skip
 _PARTS = {"blind": ("camera", "imu"), "none": (), "shape": ()}
 #: End of the approach at the latest: 2 s of checkout, 60 s of watching, 10 s of waiting, 60 s of approach [s].

@@ -1,5 +1,5 @@
 // The scene of a rendezvous: tumbling target, chaser with its camera, flight, plan and tube, in W or in the target's axes.
-const { position, body, attitude, nominal, tube, target, chaser, colours, bands } = episode;
+const { position, body, attitude, reference, tube, target, chaser, colours, bands } = episode;
 const BEFORE = "#B8C4D0", TARGET_INK = [184, 191, 204], CHASER_INK = [250, 219, 153];
 let inTarget = false;
 
@@ -18,7 +18,7 @@ const turnedBy = (view, rows) => Object.fromEntries(Object.entries(view).map(([n
 const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 const attitudes = attitude.map(matrix);
 const positionInTarget = position.map((p, i) => back(attitudes[i], p));
-const nominalInTarget = nominal.map((p, i) => (p[0] === null ? p : back(attitudes[i], p)));
+const referenceInTarget = reference.map((p, i) => (p[0] === null ? p : back(attitudes[i], p)));
 
 /** Return the linear interpolation between two quaternions. */
 function between(p, q, u) {
@@ -148,7 +148,7 @@ function drawScene(t) {
   const behind = hidden(place);
   if (behind) drawChaser();
   drawSolid(pen, target, own, (p) => flat(times(rotation, p)), TARGET_INK);
-  drawTube(pen, inTarget ? nominalInTarget : nominal, state.row, view, flat, metre);
+  drawTube(pen, inTarget ? referenceInTarget : reference, state.row, view, flat, metre);
   const gone = [...path.slice(first, state.row + 1), place];
   line(path.slice(0, Math.min(first, state.row) + 1), BEFORE, 1);
   if (state.row >= first) line(gone, colours.flight, 2.2);

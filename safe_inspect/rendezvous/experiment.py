@@ -87,7 +87,7 @@ class RendezvousConfig(Model):
     estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
     planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
     bound: ConformalBound = ConformalBound()
-    tracker: _plugin("tracker", "TubeMPCTracker")  # type: ignore[valid-type]
+    tracker: _plugin("tracker", "TubeTracker")  # type: ignore[valid-type]
 
     @model_validator(mode="after")
     def _check_orbit(self) -> RendezvousConfig:

@@ -125,13 +125,12 @@ class Fault(Model):
     Attributes:
         kind: ``camera``: the camera takes no frames; ``imu``: the inertial unit gives no samples; ``imu_bias``: the
             biases of the inertial unit jump; ``tumble``: an impact at the start of the fault changes the target's
-            motion permanently; ``planner``: the planner finds no plan; ``solver``: the tracker's programme has no
-            solution, and the reference is followed by regulation.
+            motion permanently; ``planner``: the planner finds no plan.
         start: Start of the fault [s].
         duration: Duration of the fault [s].
     """
 
-    kind: Literal["camera", "imu", "imu_bias", "tumble", "planner", "solver"]
+    kind: Literal["camera", "imu", "imu_bias", "tumble", "planner"]
     start: NonNegativeDuration  # type: ignore[valid-type]
     duration: PositiveDuration  # type: ignore[valid-type]
 

@@ -3,8 +3,7 @@
 A plugin instance contains the options. Calling it returns a result, or a run that contains the state of one mission.
 """
 
-from safe_inspect.rendezvous.control.mpc import TubeMPCTracker
-from safe_inspect.rendezvous.control.tracker import LQRTracker, Tracker
+from safe_inspect.rendezvous.control.tracker import LQRTracker, Tracker, TubeTracker
 from safe_inspect.rendezvous.estimation.estimators import MeasuredState, PipelineEstimator, StateEstimator
 from safe_inspect.rendezvous.front_end.base import FrontEnd, MeasuredPoses
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
@@ -32,6 +31,6 @@ __all__ = [
     "TargetModel",
     "Tracker",
     "TriAxialTumble",
-    "TubeMPCTracker",
+    "TubeTracker",
     "Tumble",
 ]

@@ -16,7 +16,7 @@ from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors

@@ -35,7 +35,7 @@ def test_the_plugins_keep_the_contract(package, name):
     check_plugin(getattr(package, name))
 
 
-@pytest.mark.parametrize("tracker", ["PDTracker", "TubeMPCTracker"])
+@pytest.mark.parametrize("tracker", ["PDTracker", "TubeTracker"])
 def test_its_planner_flies_to_the_mating_point(package, tracker):
     config = load_rendezvous(_EXPERIMENT, [*_QUICK, f"tracker={tracker}"]).config
     assert type(config.planner) is package.DirectPlanner

@@ -66,8 +66,6 @@ def mission_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             target_w=w[0, k],
             estimated_target_q=q[0, k],
             reference=np.append(x[k] + 0.01, np.zeros(3)),
-            z=np.zeros((3, 2)),
-            v=np.zeros(3),
             force=np.full(3, 0.01),
             torque=np.zeros(3),
             flown=np.zeros(6),

@@ -11,7 +11,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import Bound, conformal_bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
 from safe_inspect.rendezvous.control.gains import natural_gain
-from safe_inspect.rendezvous.control.tightening import TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackingLimits
 from safe_inspect.rendezvous.control.trials import BoundQuery, Updates, sample_errors
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.demands import PlanDemands

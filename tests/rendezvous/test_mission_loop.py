@@ -116,13 +116,12 @@ def recorded(monkeypatch: pytest.MonkeyPatch, context: Any) -> dict[str, Any]:
     rows: list[Any] = []
     monkeypatch.setattr(module, "clearances", lambda *given: rows.append(given) or np.array([0.9, 0.4, 0.6]))
     monkeypatch.setattr(module, "normalised_error", lambda *given: given)
-    output = SimpleNamespace(nominal="z", nominal_force="v", status=(True, 2.0))
     done = SimpleNamespace(
         chaser=SimpleNamespace(position="path", wrench=np.arange(18.0).reshape(3, 6)), target="turning",
         chaser_before=body(0.0), target_before=body(30.0), flown="flown",
     )  # fmt: skip
     log = SimpleNamespace(add=lambda **values: rows.append(values))
-    mission = made(pilot=SimpleNamespace(context=context, followed=(output, "reference")), _log=log)
+    mission = made(pilot=SimpleNamespace(context=context, followed="reference"), _log=log)
     mission._record(SimpleNamespace(force="force", torque="torque"), done)
     asked, row = rows
     assert asked == ("target", "path", "turning", 0.75)
@@ -140,9 +139,9 @@ def test_a_step_is_recorded_as_it_began_and_as_it_was_flown(monkeypatch: pytest.
         "target_q": [30.0, 31.0, 32.0, 33.0], "target_w": [36.0, 37.0, 38.0], "estimated_x": "x",
         "estimated_q": [10.0, 11.0, 12.0, 13.0], "estimated_target_p": [20.0, 21.0, 22.0],
         "estimated_target_q": [20.0, 21.0, 22.0, 23.0], "estimated_target_w": [26.0, 27.0, 28.0],
-        "estimated_ratios": [0.25, 0.75], "nees": [True] * 3, "sigma": [0.1, 0.2], "reference": "reference", "z": "z",
-        "v": "v", "force": "force", "torque": "torque", "flown": "flown",
-        "wrench": [12.0, 13.0, 14.0, 15.0, 16.0, 17.0], "status": [1, 2],
+        "estimated_ratios": [0.25, 0.75], "nees": [True] * 3, "sigma": [0.1, 0.2], "reference": "reference",
+        "force": "force", "torque": "torque", "flown": "flown",
+        "wrench": [12.0, 13.0, 14.0, 15.0, 16.0, 17.0],
         "clearance": 0.4, "margin": 7.0, "tube": 3.0, "tube_force": 30.0, "pointing_error": 0.3,
     }  # fmt: skip
 

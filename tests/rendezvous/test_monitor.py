@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.reference import reference_problem
 

@@ -22,7 +22,7 @@ from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
-from safe_inspect.rendezvous.missions.summary import nominal_path
+from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.types import AnyArray, FloatArray
 
 if TYPE_CHECKING:
@@ -44,20 +44,10 @@ def _plan_clearance(record: MissionRecord, plan: FlownPlan) -> FloatArray:
     return clearances(record.target, plan.position_target, still, record.config.chaser.radius)
 
 
-def tracking_error(arrays: dict[str, AnyArray]) -> tuple[FloatArray, str]:
-    """Return the error of the chaser from the tube's centre, and what this centre is; NaN where nothing is followed.
-
-    A tracker without a tube has no nominal motion: its error is measured from the true reference.
-
-    Returns:
-        The error along each axis of W [m], shape (K, 3), and ``nominal motion`` or ``the reference``.
-    """
-    tube, centre = arrays["tube"], nominal_path(arrays)
-    has_width = bool((tube[np.isfinite(tube)] > 0.0).any()) or not np.isfinite(tube).any()
-    if not has_width:
-        centre = centre - arrays["z"][:, :, 0]
-    error = np.where(np.isfinite(tube)[:, None], arrays["x"][:, :3] - centre, np.nan)
-    return error, "nominal motion" if has_width else "the reference"
+def tracking_error(arrays: dict[str, AnyArray]) -> FloatArray:
+    """Return the error from the true reference along each axis of W [m], shape (K, 3); NaN without an approach."""
+    error = arrays["x"][:, :3] - true_reference(arrays)
+    return np.asarray(np.where(np.isfinite(arrays["tube"])[:, None], error, np.nan))
 
 
 def outcome_of(record: MissionRecord) -> str:
@@ -112,16 +102,15 @@ def _draw_clearance(axes: Any, record: MissionRecord, rows: AnyArray) -> None:
 
 def _draw_error(axes: Any, arrays: dict[str, AnyArray], rows: AnyArray) -> None:
     tube = 100.0 * arrays["tube"][rows]
-    error, what = tracking_error(arrays)
-    error = 100.0 * error[rows]
+    error = 100.0 * tracking_error(arrays)[rows]
     if not np.isfinite(tube).any():
         axes.text(0.5, 0.5, "no approach", color=GREY, ha="center", va="center", transform=axes.transAxes)
-        axes.set(yticks=(), ylabel=f"error from\n{what} [cm]")
+        axes.set(yticks=(), ylabel="error from\nthe reference [cm]")
         return
     for axis, colour in enumerate(AXIS_COLOURS):
         axes.plot(arrays["t"][rows], error[:, axis], color=colour, linewidth=1.0, label="xyz"[axis])
     axes.fill_between(arrays["t"][rows], -tube, tube, color=PALE, linewidth=0.0, label="tube")
-    axes.set(ylabel=f"error from\n{what} [cm]")
+    axes.set(ylabel="error from\nthe reference [cm]")
     _legend(axes)
 
 
@@ -153,7 +142,7 @@ def mission_figure(record: MissionRecord) -> Figure:
     On the left, to scale, is the approach in W with the target in its final attitude, and in the target's principal
     axes T: the plan, the flight and the tube. Below are the angular velocity in T on the ellipsoid of equal energy, and
     the phases. On the right, over time: the clearance with the margin that the tube requires, the distance from the
-    nominal motion with the tube's half width, the force with its limits, and the distance to the mating point.
+    reference with the tube's half width, the force with its limits, and the distance to the mating point.
 
     Raises:
         SafeInspectError: Matplotlib is not installed.

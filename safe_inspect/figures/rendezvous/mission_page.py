@@ -24,7 +24,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
 )
 from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.rendezvous.missions.record import MissionRecord
-from safe_inspect.rendezvous.missions.summary import nominal_path
+from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.types import AnyArray
 
 #: Largest number of states in a page; of longer missions it contains every second, third, ... state.
@@ -66,7 +66,7 @@ def mission_data(record: MissionRecord) -> dict[str, Any]:
         "position": rounded(arrays["x"][rows, :3], 4),
         "body": rounded(arrays["q"][rows], 5),
         "attitude": rounded(arrays["target_q"][rows], 5),
-        "nominal": rounded(np.where(np.isfinite(arrays["tube"])[:, None], nominal_path(arrays), np.nan)[rows], 4),
+        "reference": rounded(np.where(np.isfinite(arrays["tube"])[:, None], true_reference(arrays), np.nan)[rows], 4),
         "tube": rounded(arrays["tube"][rows], 4),
         "distance": rounded(record.mating_distance()[rows], 4),
         "plans": [
@@ -110,7 +110,7 @@ def _charts(record: MissionRecord, rows: AnyArray) -> list[dict[str, Any]]:
         return {"colour": colour, "values": rounded(values[rows], digits), "width": 1.2, **more}
 
     tube, spare = 100.0 * arrays["tube"], limit - arrays["tube_force"]
-    error, what = tracking_error(arrays)
+    error = tracking_error(arrays)
     edges = [line(sign * tube, GREY, 4, dashes=_DASHES) for sign in (-1.0, 1.0)]
     limits = [line(sign * spare, GREY, 4, dashes=_DASHES) for sign in (-1.0, 1.0)]
     axes, force = list(enumerate(AXIS_COLOURS)), record.force_in_inertial()
@@ -122,7 +122,7 @@ def _charts(record: MissionRecord, rows: AnyArray) -> list[dict[str, Any]]:
         ),
         chart("distance from the mating point [m]", [line(record.mating_distance(), BLACK, 4)], low=0.0),
         chart(
-            f"error from {what}: x red, y blue, z green; tube (dashed) [cm]",
+            "error from the reference: x red, y blue, z green; tube (dashed) [cm]",
             [*(line(100.0 * error[:, k], colour, 4) for k, colour in axes), *edges],
         ),
         chart(

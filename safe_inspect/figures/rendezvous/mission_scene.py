@@ -12,7 +12,7 @@ from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
-from safe_inspect.rendezvous.missions.summary import nominal_path
+from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
@@ -208,7 +208,7 @@ class SceneArtists:
         axes.set_axis_off()
         self.in_target, self._widths = in_target, record.arrays["tube"]
         self.path = record.position_in_target() if in_target else record.arrays["x"][:, :3]
-        self._centre, self._attitude = nominal_path(record.arrays), to_matrix(record.arrays["target_q"])
+        self._centre, self._attitude = true_reference(record.arrays), to_matrix(record.arrays["target_q"])
         if in_target:
             self._centre = np.einsum("kji,kj->ki", self._attitude, self._centre)
         self._radius = record.config.chaser.radius

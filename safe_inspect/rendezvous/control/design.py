@@ -15,15 +15,15 @@ from safe_inspect.rendezvous.control.gains import (
     clearance_margin,
     stiffening_gains,
 )
-from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits, remaining
 from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, no_tube, truth_tube
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
 
 #: Change of position [m] and velocity [m/s] per step due to other causes, such as the sampling of the reference.
 _PROCESS = np.array([5e-6, 5e-6])
-#: Force that should remain for the nominal feedback, of a limit of 0.3 N: 0.03 N stop 1 cm/s within a horizon of 4 s.
-#: With less, a plan is still accepted, but correcting nominal errors may need longer horizons.
+#: Force that should remain for errors outside of the tube, of a limit of 0.3 N: 0.03 N stop 1 cm/s within 4 s. With
+#: less, a plan is still accepted.
 _RESERVE = 0.03
 
 
@@ -36,7 +36,7 @@ class TubeDesign:
         limits: Limits that tracking must respect.
         tube: The tube.
         times: Times of the plan [s], shape (K,).
-        force_reserve: Force that remains for the nominal feedback on the worst axis [N], shape (K,).
+        force_reserve: Force that remains on the worst axis [N], shape (K,).
         state_reserve: Smallest remaining distance to the keep-in box [m] and to the speed limit [m/s] along each axis,
             shape (3, 2).
         margin: Clearance m(t) that the plan must have beyond the chaser's radius [m], shape (K,).
@@ -109,7 +109,7 @@ class DesignRequest:
 def _design(request: DesignRequest, tube: Tube, force_reserve: FloatArray) -> TubeDesign:
     """Return the design with a tube, without a check."""
     axis, limits = request.axis, request.limits
-    room = TightenedLimits(axis, request.reference, tube, limits).reserve()[:, :2]
+    room = remaining(axis, request.reference, tube, limits)[:, :2]
     margin = clearance_margin(tube, request.length)
     return TubeDesign(axis, limits, tube, request.plan.times, force_reserve, room, margin)
 
@@ -134,7 +134,7 @@ def design_tube(
     Args:
         request: The plan and the limits.
         gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
-        reserve: Force that should remain for the nominal feedback [N].
+        reserve: Force that should remain [N].
         frequencies: Natural frequencies of that grid [rad/s].
     """
     planned = np.abs(request.reference.feed_forward(request.axis)).max(axis=1)

@@ -12,7 +12,7 @@ from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, truth_tu
 from safe_inspect.types import FloatArray
 
 # Clearance beyond the tube, as a fraction of the scenario's length: half for the certificate between samples, half for
-# the nominal error |z|.
+# an error that has left the tube.
 RESERVE_CLEARANCE = 0.02
 #: Natural frequencies that are tried by default [rad/s].
 FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
@@ -28,13 +28,11 @@ class TrackingWeights:
         position: Weight of the position [1/m^2].
         velocity: Weight of the velocity [s^2/m^2].
         force: Weight of the force [1/N^2].
-        offset: Weight of the distance of the artificial steady state from the reference [1/m^2].
     """
 
     position: float = 1.0 / 0.05**2
     velocity: float = 1.0 / 0.03**2
     force: float = 1.0 / 0.1**2
-    offset: float = 1e5
 
     @classmethod
     def of_force(cls, largest: float) -> TrackingWeights:
@@ -123,7 +121,7 @@ def best_tube(
         frequencies: Natural frequencies of the default gains [rad/s].
 
     Returns:
-        The tube, and the force that remains for the nominal feedback v at each step [N], shape (K,).
+        The tube, and the force that remains at each step [N], shape (K,).
     """
 
     def rank(tube: Tube) -> tuple[bool, float]:

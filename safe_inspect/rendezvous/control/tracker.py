@@ -1,8 +1,7 @@
-"""Trackers of a reference: the plugin kind, and a linear-quadratic regulator with clipped force."""
+"""Trackers of a reference: the plugin kind, feedback in a tube, and a linear-quadratic regulator without one."""
 
 from __future__ import annotations
 
-import enum
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -10,20 +9,15 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance, design_without_tube
 from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
-from safe_inspect.rendezvous.control.tightening import TrackedReference
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tracked import TrackedReference
+from safe_inspect.rendezvous.control.tube import Axis, Tube, no_tube
 from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveAngularRate
 
-
-class AxisStatus(enum.IntEnum):
-    """How the force along an axis was found; larger is worse."""
-
-    SOLVED = 0
-    LONGER_HORIZON = 1  # solved with a longer horizon than the configured one
-    SHIFTED = 2  # no solution: the rest of the last one is used
-    REGULATOR = 3  # no solution to use: the clipped linear-quadratic regulator, without the guarantee of the tube
+#: Number of natural frequencies that are tried between the smallest and the largest.
+_FREQUENCIES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +26,12 @@ class TrackerOutput:
 
     Attributes:
         force: Force to apply [N], shape (3,).
-        nominal: Nominal error z_0 in position [m] and velocity [m/s], shape (3, 2).
-        nominal_force: Nominal force v_0 [N], shape (3,).
-        status: How the force along each axis was found, three `AxisStatus`.
+        outside: Part of the position error that is outside of the tube [m], shape (3,); 0 within it. Above 1 % of the
+            scenario's length, for which the clearance of a plan allows, the approach is planned again.
     """
 
     force: FloatArray
-    nominal: FloatArray
-    nominal_force: FloatArray
-    status: tuple[AxisStatus, ...]
-
-    @property
-    def feasible(self) -> bool:
-        """Whether every axis has a solution: a new one or the rest of the last one."""
-        return max(self.status) < AxisStatus.REGULATOR
+    outside: FloatArray
 
 
 class TrackerRun(Protocol):
@@ -69,6 +55,36 @@ class Tracker(Plugin):
         """Return the tracker for one approach."""
 
 
+class TubeTracker(Tracker):
+    """Linear feedback with the gain, of those that the force allows, whose tube leaves the most clearance.
+
+    The tube holds for all errors of the reference within its bound and all disturbances of the thrust, as that of tube
+    model predictive control does. There is no programme for a nominal trajectory, because a plan starts where the
+    chaser is: the nominal error of least cost is 0 as long as the error is within the tube, and if it leaves the tube,
+    the approach is planned again, which also keeps clear of the target.
+
+    Attributes:
+        least_frequency: Smallest natural frequency of the feedback gains that are tried [rad/s].
+        largest_frequency: Largest natural frequency of the feedback gains that are tried [rad/s].
+
+    Source:
+        Limon, Alvarado, Alamo and Camacho, "Robust tube-based MPC for tracking of constrained linear systems with
+        additive disturbances", 2010, for the tube.
+    """
+
+    least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
+    largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
+
+    def design(self, request: DesignRequest) -> TubeDesign:
+        """Return the tube for a plan, or a design that says why there is none."""
+        frequencies = np.geomspace(self.least_frequency, self.largest_frequency, _FREQUENCIES)
+        return design_by_clearance(request, tuple(frequencies))
+
+    def __call__(self, design: TubeDesign) -> LinearFeedback:
+        """Return the tracker for one approach."""
+        return LinearFeedback(design.axis, design.tube, design.limits.force)
+
+
 class LQRTracker(Tracker):
     """Linear-quadratic regulator about the reference, with clipped force and without a tube."""
 
@@ -76,29 +92,33 @@ class LQRTracker(Tracker):
         """Return a design whose tube has zero width."""
         return design_without_tube(request)
 
-    def __call__(self, design: TubeDesign) -> LQRTrackerRun:
+    def __call__(self, design: TubeDesign) -> LinearFeedback:
         """Return the tracker for one approach."""
-        return LQRTrackerRun(design.axis, design.limits.force)
+        return LinearFeedback.of_lqr(design.axis, design.limits.force)
 
 
-class LQRTrackerRun:
-    """Linear-quadratic regulator of one approach: ``u = u_r + K (x_hat - r_hat)``, clipped."""
+class LinearFeedback:
+    """Control ``u = u_r + K (x_hat - r_hat)`` along each axis, clipped to the maximum force."""
 
-    def __init__(self, axis: Axis, force: float = 0.30) -> None:
-        """Compute the gain.
+    def __init__(self, axis: Axis, tube: Tube, force: float = 0.30) -> None:
+        """Store the gain and the tube.
 
         Args:
             axis: Dynamics of each axis.
+            tube: The tube, which contains the gain K.
             force: Maximum force along each axis [N].
         """
-        self.axis, self.force = axis, force
-        self.gain = lqr_gain(axis, TrackingWeights.of_force(force))
+        self.axis, self.tube, self.force = axis, tube, force
+
+    @classmethod
+    def of_lqr(cls, axis: Axis, force: float = 0.30) -> LinearFeedback:
+        """Return the feedback of the linear-quadratic regulator, without a tube."""
+        return cls(axis, no_tube(1, lqr_gain(axis, TrackingWeights.of_force(force))), force)
 
     def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
         """Return the force at step k of the reference, for an estimate (position, velocity) in W, shape (6,)."""
         error = np.asarray(estimate).reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
-        tide = None if reference.tide is None else reference.tide[k : k + 2]
-        two = TrackedReference(reference.position[k : k + 2], reference.velocity[k : k + 2], tide)
-        demand = two.feed_forward(self.axis)[0] + error @ self.gain
-        force = np.clip(demand, -self.force, self.force)
-        return TrackerOutput(force, error, np.zeros(3), (AxisStatus.SOLVED,) * 3)
+        demand = reference.force_at(self.axis, k) + error @ self.tube.gain_at(k)
+        width = self.tube.position[min(k, len(self.tube.position) - 1)]
+        outside = error[:, 0] - np.clip(error[:, 0], -width, width)
+        return TrackerOutput(np.clip(demand, -self.force, self.force), outside)

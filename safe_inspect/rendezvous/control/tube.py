@@ -1,9 +1,9 @@
-"""The tube: the largest distance of the chaser from the nominal trajectory for all disturbances within their bounds.
+"""The tube: the largest distance of the chaser from the true reference for all disturbances within their bounds.
 
-The nominal error z and the control ``u = u_r + v + K (x_hat - r_hat - z)`` are those of `mpc`. The remaining error
-``e = (x - r) - z`` about the true reference r obeys ``e+ = A_K e - B K delta + B delta_F + w``: the error delta of the
-estimated reference and the error delta_F of its force act as bounded disturbances, no matter when updates occur. The
-tube bounds the distance to the true reference, so that the clearance depends on the tube alone.
+With the control ``u = u_r + K (x_hat - r_hat)``, the error ``e = x - r`` about the true reference r obeys
+``e+ = A_K e - B K delta + B delta_F + w``: the error delta of the estimated reference and the error delta_F of its
+force act as bounded disturbances, no matter when updates occur. The tube bounds the distance to the true reference, so
+that the clearance depends on the tube alone.
 
 Source:
     Albee et al., "A robust observation, planning, and control pipeline for autonomous rendezvous with tumbling
@@ -88,9 +88,9 @@ class Tube:
 
     Attributes:
         gain: Gain K = (N/m, N s/m), shape (2,), or one for each step, shape (K, 2).
-        position: Half width about the followed reference plus z [m], shape (K,); it tightens the position limits.
+        position: Half width about the followed reference [m], shape (K,); it tightens the position limits.
         velocity: Likewise for velocity [m/s], shape (K,).
-        clearance: Half width about the true reference plus z [m], shape (K,); it reduces distances to the target.
+        clearance: Half width about the true reference [m], shape (K,); it reduces distances to the target.
         force: Largest feedback force ``h_Z(K) + |K| b`` [N], shape (K,).
     """
 
@@ -105,9 +105,9 @@ class Tube:
         return self.gain if self.gain.ndim == 1 else self.gain[min(k, len(self.gain) - 1)]
 
 
-def no_tube(steps: int) -> Tube:
-    """Return a tube of zero width without feedback, for control that ignores disturbances."""
-    return Tube(np.zeros(2), *np.zeros((4, steps)))
+def no_tube(steps: int, gain: FloatArray | None = None) -> Tube:
+    """Return a tube of zero width, by default without feedback, for control that ignores disturbances."""
+    return Tube(np.zeros(2) if gain is None else gain, *np.zeros((4, steps)))
 
 
 def truth_tube(axis: Axis, gain: FloatArray, bound: AxisBound) -> Tube:

@@ -185,8 +185,7 @@ def start_approach(context: MissionContext) -> None:
     assert plan is not None, "an approach must only start with a plan"
     assert design is not None, "an approach must only start with a tube"
     context.on_approach = True
-    context.infeasible = 0
-    context.nominal = np.zeros((3, 2))
+    context.outside = 0.0
     tracker = context.config.tracker(design)
     context.following = Following(new_reference(context), context.step, tracker)
     context.unrenewed = reference_bound(context, plan, updated=False)

@@ -14,7 +14,7 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import Bound, ConformalBound
 from safe_inspect.rendezvous.control.design import TubeDesign
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import Tracker, TrackerRun
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.demands import PlanDemands
@@ -71,7 +71,7 @@ class PilotConfig(NamedTuple):
     @classmethod
     def of(cls, config: RendezvousConfig) -> PilotConfig:
         """Return the pilot's configuration from an experiment."""
-        own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner", "solver"))
+        own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner",))
         mission = config.mission.model_copy(update={"faults": own})
         return cls(config.chaser, mission, config.planner, config.bound, config.tracker)
 
@@ -124,8 +124,7 @@ class MissionContext:
         plan_failures: Number of consecutive failures to plan.
         bound_failures: Number of consecutive refusals of a tube.
         replans: Number of plans made during the approach.
-        infeasible: Number of consecutive control steps without a solution of the tracker.
-        nominal: Nominal error of the last step, position [m] and velocity [m/s], shape (3, 2).
+        outside: Distance of the chaser from the tube at the last step [m].
         on_approach: Whether the chaser has started an approach, so that it cannot wait for another plan.
         has_observed_again: Whether the target was observed a second time.
         has_retreated: Whether the chaser has returned from a retreat.
@@ -171,8 +170,7 @@ class MissionContext:
     plan_failures: int = 0
     bound_failures: int = 0
     replans: int = 0
-    infeasible: int = 0
-    nominal: FloatArray = field(default_factory=lambda: np.zeros((3, 2)))
+    outside: float = 0.0
     on_approach: bool = False
     has_observed_again: bool = False
     has_retreated: bool = False
@@ -193,7 +191,7 @@ class MissionContext:
         return self.time - self.since
 
     def fails(self, kind: str) -> bool:
-        """Return whether a part of the flight computer fails now: ``planner`` or ``solver``."""
+        """Return whether a part of the flight computer fails now, such as the ``planner``."""
         return self.config.mission.fails(kind, self.time)
 
     def aim(self) -> FloatArray:

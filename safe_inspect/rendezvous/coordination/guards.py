@@ -7,9 +7,9 @@ import numpy as np
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
 from safe_inspect.rendezvous.coordination.escape import safe_radius
 
-#: Nominal error of the tracker above which an approach is planned again, as a fraction of the scenario's length; the
-#: margin of clearance allows for it.
-_NOMINAL_ERROR = 0.01
+#: Distance from the tube above which an approach is planned again, as a fraction of the scenario's length; the margin
+#: of clearance allows for it.
+_OUTSIDE = 0.01
 #: Largest number of new plans during an approach.
 _MOST_REPLANS = 10
 #: Speed below which the chaser counts as at rest [m/s].
@@ -145,9 +145,8 @@ def arrived(context: MissionContext) -> bool:
 
 
 def off_plan(context: MissionContext) -> bool:
-    """Return whether the tracker, its nominal error or the reference requires a new plan."""
-    too_far = float(np.linalg.norm(context.nominal[:, 0])) > _NOMINAL_ERROR * context.config.mission.length
-    return context.infeasible >= 2 or too_far or bool(context.reference_problem)
+    """Return whether the chaser's distance from the tube or the reference requires a new plan."""
+    return context.outside > _OUTSIDE * context.config.mission.length or bool(context.reference_problem)
 
 
 def may_replan(context: MissionContext) -> bool:

@@ -10,8 +10,8 @@ import numpy as np
 from safe_inspect.dynamics import quaternion
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tracker import AxisStatus, LQRTrackerRun, TrackerOutput
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig
@@ -54,13 +54,12 @@ class Pilot:
 
     Attributes:
         context: The pilot's memory; it does not exist before the first readings.
-        followed: The tracker's output at the last call of `act`, and the position [m] and velocity [m/s] in W that it
-            follows, shape (6,).
+        followed: Position [m] and velocity [m/s] in W that the last call of `act` has followed, shape (6,).
         estimator: The estimator.
     """
 
     context: MissionContext
-    followed: tuple[TrackerOutput, FloatArray]
+    followed: FloatArray
 
     def __init__(
         self,
@@ -98,8 +97,8 @@ class Pilot:
         self._coordinator.step(context)
         if self._coordinator.finished:
             return None
-        self.followed = self._follow()
-        force = self.followed[0].force
+        output, self.followed = self._follow()
+        force = output.force
         command = Command(self._in_body(force), self._point())
         context.motion.advance(force / self._config.chaser.mass, self._config.mission.step)
         return command
@@ -133,7 +132,7 @@ class Pilot:
             axis=axis,
             tracking_limits=TrackingLimits(own.force, own.tracking_speed, own.keep_in),
             streams=self._streams,
-            hold=LQRTrackerRun(axis, own.force),
+            hold=LinearFeedback.of_lqr(axis, own.force),
             report=self._report,
             readings=readings,
             estimate=estimate,
@@ -189,10 +188,8 @@ class Pilot:
         following = context.following
         if following is not None:
             k = min(context.step - following.first_step, len(following.reference.position) - 1)
-            is_solved = not context.fails("solver")
-            output = (following.tracker if is_solved else context.hold).step(x, following.reference, k)
-            context.infeasible = 0 if is_solved and output.feasible else context.infeasible + 1
-            context.nominal = output.nominal
+            output = following.tracker.step(x, following.reference, k)
+            context.outside = float(np.linalg.norm(output.outside))
             return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
         if context.phase is Phase.DEPART:
             return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
@@ -211,7 +208,7 @@ class Pilot:
         per_step = self._config.mission.step / chaser.mass
         force = np.clip(context.push / per_step, -chaser.limits.force, chaser.limits.force)
         context.push = context.push - per_step * force
-        return TrackerOutput(force, np.zeros((3, 2)), np.zeros(3), (AxisStatus.SOLVED,) * 3)
+        return TrackerOutput(force, np.zeros(3))
 
     def _point(self) -> FloatArray:
         """Return the torque that points the camera at its aim [N m], shape (3,).

@@ -10,7 +10,7 @@ from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.dynamics.tide import tidal_acceleration
 from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import TubeDesign
-from safe_inspect.rendezvous.control.tightening import TightenedLimits, TrackedReference
+from safe_inspect.rendezvous.control.tracked import TrackedReference, remaining
 from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
 from safe_inspect.rendezvous.estimate import StateEstimate
@@ -118,7 +118,7 @@ def reference_problem(
                 f"reference: its {name} differs from the plan's by {difference[worst]:.3f} {unit} at "
                 f"{plan.times[k + worst] - plan.t_start:.1f} s, more than the bound of {allowed[k + worst]:.3f} {unit}"
             )
-    reserve = TightenedLimits(design.axis, reference, design.tube, design.limits).reserve(k).min(axis=0)
+    reserve = remaining(design.axis, reference, design.tube, design.limits, k).min(axis=0)
     for name, unit, value in zip(("keep-in box", "speed", "force"), ("m", "m/s", "N"), reserve, strict=True):
         if value < 0.0:
             return f"reference: together with its tube it exceeds the {name} limit by {-value:.3f} {unit}"

@@ -112,7 +112,6 @@ class Mission:
 
     def _record(self, command: Command, done: TruthStep) -> None:
         context, target = self.pilot.context, self._target
-        output, reference = self.pilot.followed
         distances = clearances(target, done.chaser.position, done.target, context.limits.radius)
         design, plan = context.design, context.plan
         tube = margin = tube_force = np.nan
@@ -137,14 +136,11 @@ class Mission:
             estimated_ratios=estimate.inertia[:2] / estimate.inertia[2],
             nees=normalised_error(estimate, done.chaser_before, done.target_before),
             sigma=[estimate.errors.attitude, estimate.errors.rate],
-            reference=reference,
-            z=output.nominal,
-            v=output.nominal_force,
+            reference=self.pilot.followed,
             force=command.force,
             torque=command.torque,
             flown=done.flown,
             wrench=done.chaser.wrench[-1],
-            status=[int(status) for status in output.status],
             clearance=distances.min(),
             margin=margin,
             tube=tube,

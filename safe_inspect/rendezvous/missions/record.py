@@ -24,7 +24,7 @@ EVENTS, ARRAYS, SUMMARY, CONFIG = "events.jsonl", "log.npz", "summary.json", "co
 #: The arrays that every log must have, with the shape of one control step.
 _STEP_SHAPES = {
     "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
-    "estimated_target_q": (4,), "reference": (6,), "z": (3, 2), "v": (3,), "force": (3,), "torque": (3,),
+    "estimated_target_q": (4,), "reference": (6,), "force": (3,), "torque": (3,),
     "flown": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
 }  # fmt: skip
 _DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)

@@ -34,7 +34,6 @@ MISSION_FIGURES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "largest_gauge": ("largest gauge of the tube", "-"),
         "plans": ("plans", "-"),
         "planning_time": ("planning time", "s"),
-        "worst_status": ("worst status of the tracker", "-"),
         "escape_missing": ("steps without an escape", "-"),
         "given_up": ("given up", "-"),
         "keep_in_excursion": ("excursion from the keep-in box", "m"),
@@ -116,7 +115,6 @@ def summarise_mission(
         - ``delta_v`` [m/s], ``largest_force`` along an axis of B [N].
         - ``largest_gauge``: distance from the true reference along an axis relative to the tube's half width.
         - ``plans``: number of plans that were made; ``planning_time`` [s].
-        - ``worst_status``: of the tracker.
         - ``attitude_error``: of the target as the chaser sees it [rad], and ``nees``: of the target's attitude and
           rate (squared error over covariance, 6 expected), both when the target's motion is first characterised; null
           if it never is, and for ``nees`` without a covariance.
@@ -158,7 +156,6 @@ def summarise_mission(
         "largest_gauge": gauge,
         "plans": len(plans),
         "planning_time": float(sum(plan.get("seconds") or 0.0 for plan in plans)),
-        "worst_status": int(arrays["status"][moves].max()) if moves.any() else None,
         **_consistency(arrays),
         "tumble_axis": int(classify(target.principal, arrays["target_w"][:1]).axis[0]),
         "tumble_rate": float(np.linalg.norm(arrays["target_w"][0])),
@@ -231,17 +228,17 @@ def _mating_error(arrays: dict[str, AnyArray], mating_point: FloatArray) -> tupl
 
 
 def _gauge(arrays: dict[str, AnyArray], moves: AnyArray) -> float | None:
-    """Return the largest distance from the nominal path, relative to the tube's half width; None without a tube."""
+    """Return the largest distance from the true reference, relative to the tube's half width; None without a tube."""
     tube = arrays["tube"][moves]
     if not len(tube) or not np.isfinite(tube).all():
         return None
-    distance = np.abs(arrays["x"][moves, :3] - nominal_path(arrays)[moves]).max(axis=1)
+    distance = np.abs(arrays["x"][moves, :3] - true_reference(arrays)[moves]).max(axis=1)
     wide = tube > _LEAST_TUBE
     return float((distance[wide] / tube[wide]).max()) if wide.any() else None
 
 
-def nominal_path(arrays: dict[str, AnyArray]) -> FloatArray:
-    """Return the true reference plus the nominal error z, the centre of the tube, in W [m], shape (K, 3).
+def true_reference(arrays: dict[str, AnyArray]) -> FloatArray:
+    """Return the true reference, the centre of the tube, in W [m], shape (K, 3).
 
     The reference in the log follows the estimated attitude. This function takes it into the estimated T, where it is
     the plan, and from there into W with the true attitude.
@@ -251,4 +248,4 @@ def nominal_path(arrays: dict[str, AnyArray]) -> FloatArray:
     """
     relative = arrays["reference"][:, :3] - arrays.get("estimated_target_p", np.zeros(3))
     in_target = rotate(conjugate(arrays["estimated_target_q"]), relative)
-    return np.asarray(rotate(arrays["target_q"], in_target) + arrays["z"][:, :, 0])
+    return np.asarray(rotate(arrays["target_q"], in_target))

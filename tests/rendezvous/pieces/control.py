@@ -21,9 +21,8 @@ from safe_inspect.rendezvous.control.design import (
     design_tube,
     design_without_tube,
 )
-from safe_inspect.rendezvous.control.mpc import TubeMPC
-from safe_inspect.rendezvous.control.tightening import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tracker import LQRTrackerRun
+from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.tracker import LinearFeedback
 from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
 from safe_inspect.rendezvous.control.tube import Axis
 from safe_inspect.rendezvous.coordination.coordinator import TABLE
@@ -126,26 +125,26 @@ def _designs() -> Any:
 
 def _trackers() -> Any:
     design = design_by_clearance(request(), (0.35, 0.6))
-    limits, reference = TrackingLimits(), TrackedReference(plan().position, plan().velocity)
+    reference = TrackedReference(plan().position, plan().velocity)
     moved = TrackedReference(plan().position + 0.01, plan().velocity)
     random, found = np.random.default_rng(2), {}
     for name, error, force in (
         ("near", 0.004, 0.3), ("far", 0.05, 0.3), ("weak", 0.15, 0.2), ("weaker", 0.3, 0.2), ("beyond", 1.0, 0.3),
     ):  # fmt: skip
-        run = TubeMPC(AXIS, design.tube, replace(limits, force=force), horizon=8)
+        run = LinearFeedback(AXIS, design.tube, force)
         steps = []
         for k in range(14):
             offset = error * random.normal(size=6) * np.repeat([1.0, 0.1], 3) * (k < 6)
             followed = moved if k > 8 else reference
             out = run.step(np.concatenate([followed.position[k], followed.velocity[k]]) + offset, followed, k)
-            steps.append([out.force, out.nominal.ravel(), out.nominal_force, [int(one) for one in out.status]])
+            steps.append([out.force, out.outside])
         found[name] = steps
     orbit = plan(1e-3)
-    run, followed = LQRTrackerRun(AXIS, 0.2), TrackedReference(orbit.position, orbit.velocity, orbit.tide)
+    run, followed = LinearFeedback.of_lqr(AXIS, 0.2), TrackedReference(orbit.position, orbit.velocity, orbit.tide)
     off = np.array([0.004, 0.003, -0.02, 0.0, 0.01, 0.003])
     for k in (0, 3, len(orbit.times) - 1):
         at = np.concatenate([orbit.position[k], orbit.velocity[k]]) + off
-        found[f"regulator {k}"] = [run.step(at, followed, k).force, run.step(at, followed, k).nominal.ravel()]
+        found[f"regulator {k}"] = [run.step(at, followed, k).force, run.step(at, followed, k).outside]
     return found
 
 

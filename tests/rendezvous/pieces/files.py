@@ -14,7 +14,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous import models, plugins
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.gains import TrackingWeights
-from safe_inspect.rendezvous.control.tightening import TrackingLimits
+from safe_inspect.rendezvous.control.tracked import TrackingLimits
 from safe_inspect.rendezvous.control.trials import Updates
 from safe_inspect.rendezvous.coordination.pilot import limits_of
 from safe_inspect.rendezvous.estimate import EstimateErrors

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from safe_inspect.rendezvous.interfaces import AxisStatus, TrackerOutput, design_without_tube
+from safe_inspect.rendezvous.interfaces import TrackerOutput, design_without_tube
 from safe_inspect.rendezvous.plugins import Tracker
 from safe_inspect.units import PositiveAngularRate
 
@@ -36,4 +36,4 @@ class _Run:
         """Return the force at step k of the reference, for position and velocity in W, shape (6,)."""
         error = estimate.reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
         force = np.clip(reference.feed_forward(self.axis)[k] + error @ self.gain, -self.force, self.force)
-        return TrackerOutput(force, error, np.zeros(3), (AxisStatus.SOLVED,) * 3)
+        return TrackerOutput(force, outside=error[:, 0])  # a tube of no width
