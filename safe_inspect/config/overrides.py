@@ -193,7 +193,7 @@ def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
     holders = [path for path in _containers(filled) if isinstance(value_at(filled, path), Mapping)]
     if len(parts) > 1:
         fitting = set(_existing(filled, parts[:-1]))
-        holders = [path for path in holders if path in fitting]
+        holders = [path for path in holders if path in fitting or (path[-1:] == ("config",) and path[:-1] in fitting)]
     for name in spellings(parts[-1]):
         found = [(*path, name) for path in holders if may_have(filled, path, name)]
         if found:
@@ -235,15 +235,17 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
     else:
         depth, ends = len(parts) - 1, _existing(tree, parts[:-1]) if parts[1:] else []
         holders = [path for path in ends if isinstance(value_at(tree, path), Mapping)]
-        known = {key for path in holders for key in known_keys(tree, path, ExperimentConfig)}
+        places = [*holders, *((*path, "config") for path in holders)]
+        known = {key for path in places for key in known_keys(tree, path, ExperimentConfig)}
     if holders:
         known = known.union(*(_names(value_at(tree, path)) for path in holders))
         message = f"there is no `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
         hint = key_hint(parts[depth], known) if known else ""
         if parts[depth] in known:
             hint = "it is not given here; if a reference gives it, change it in the `reference_store`"
-        if depth == len(parts) - 1 and len(_missing(tree, parts[-1:])[1]) == 1:
-            hint = f"write `{parts[-1]}=...`"  # the last component alone has one match
+        if depth == len(parts) - 1 and len(only := _missing(tree, parts[-1:])[1]) == 1:
+            place = ".".join(map(str, only[0][:-1]))
+            hint = f"the only `{parts[-1]}` is in {place}; if it is meant, write `{parts[-1]}=...`"
         return Problem(message if known else f"{message}, which contains no keys", "", location, hint)
     for path in _containers(tree):
         known |= _names(value_at(tree, path))

@@ -19,6 +19,8 @@ from safe_inspect.types import AnyArray, FloatArray
 RESAMPLES, LEVEL, SEED = 2000, 0.95, 0
 #: Largest number of values that a bootstrap draws at once.
 _BATCH = 4_000_000
+#: Rounding error of a sum over an episode, relative to it.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -201,12 +203,15 @@ class Difference(_Figures):
 def paired_difference(one: AnyArray, other: AnyArray, unit: str = "-") -> Difference:
     """Return the difference of a quantity, `one` - `other`, of the same episodes, shape (E,).
 
+    Differences that are smaller than `_ROUNDING` times the values are rounding errors of sums and count as 0.
+
     Raises:
         ValueError: Their shapes differ.
     """
     if one.shape != other.shape:
         raise ValueError(f"paired values must have the same shape, not {one.shape} and {other.shape}")
-    apart = np.asarray(one, dtype=np.float64) - np.asarray(other, dtype=np.float64)
+    one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    apart = np.where(np.isclose(one, other, rtol=_ROUNDING, atol=0.0), 0.0, one - other)
     apart = apart[~np.isnan(apart)]
     found = estimate(apart, unit)
     smaller, larger = (float(side.mean()) if found.count else math.nan for side in (apart < 0.0, apart > 0.0))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 
 import pytest
 
@@ -233,8 +234,19 @@ def test_a_key_that_several_places_may_have_and_one_that_is_misspelt():
 
 @pytest.mark.parametrize("path", ["blue0_ctrl.policy.config.vf_clip_param", "blue0_ctrl.policy.vf_clip_param"])
 def test_a_key_that_stands_elsewhere_is_to_be_written_alone(path):
-    with pytest.raises(ConfigError, match=r"there is no `vf_clip_param` in .*; write `vf_clip_param=...`"):
+    with pytest.raises(ConfigError, match=r"is in config\.config\.rllib_configs\.local; if it is meant, write `vf_c"):
         load_experiment("configs/translational-inspection/experiment.yml", [f"{path}=5"])
+
+
+@pytest.mark.parametrize("path", ["RTAGlueCWHInspection1v1", "blue0_ctrl.glues.RTAGlueCWHInspection1v1"])
+def test_a_field_that_no_file_gives_is_set_without_its_config(path):
+    file, field = "configs/translational-inspection/experiment.yml", "intervention=backup"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # the path names the place
+        found = load_experiment(file, [f"{path}.{field}"]).resolved
+    assert found == load_experiment(file, [f"RTAGlueCWHInspection1v1.config.{field}"]).resolved
+    with pytest.raises(ConfigError, match="did you mean `intervention`"):
+        load_experiment(file, [f"{path}.interventoin=backup"])
 
 
 def test_a_key_that_its_mapping_may_not_have_lists_those_that_it_may():

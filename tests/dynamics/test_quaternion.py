@@ -22,6 +22,7 @@ def test_matrices_and_rotated_vectors_are_scipys(pairs):
     q, v = pairs[0], np.random.default_rng(2).normal(size=(200, 3))
     assert np.allclose(quaternion.to_matrix(q), Rotation.from_quat(q).as_matrix(), atol=1e-15)
     assert np.allclose(quaternion.rotate(q, v), Rotation.from_quat(q).apply(v), atol=1e-14)
+    assert np.allclose(quaternion.rotate_back(q, v), Rotation.from_quat(q).inv().apply(v), atol=1e-14)
 
 
 def test_a_matrix_gives_its_quaternion_back_also_after_half_a_turn(pairs):

@@ -115,6 +115,11 @@ def test_other_episodes_are_refused_in_these_words(change: dict[str, Any], words
         "evaluate both with the same --seed, --episodes and --cfg; if only one needs overrides for that, evaluate each "
         "with --output and compare the folders"
     )
+    if words.startswith("their tasks"):
+        remedy = (
+            "evaluate both in one task with --cfg, which takes policies with the observations and actions of that "
+            "task; those of other tasks have no episodes in common, so read the tables of `safe-inspect evaluate`"
+        )
     assert str(caught.value) == f"one and other cannot be compared: {words}; {remedy}"
 
 

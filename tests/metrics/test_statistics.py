@@ -125,6 +125,13 @@ def test_pairs_find_what_their_spread_hides():
     assert paired_difference(one, one).verdict == ""
 
 
+def test_rounding_errors_are_no_difference():
+    one = np.array([0.99, 0.0, -7.0, 1e6, 3.0])
+    found = paired_difference(one, one * (1.0 + 1e-14))
+    assert (found.mean, found.smaller, found.larger, found.verdict) == (0.0, 0.0, 0.0, "")
+    assert paired_difference(one * (1.0 + 1e-8), one).larger == 0.6
+
+
 def test_pairs_with_a_missing_value_are_left_out():
     found = paired_difference(np.array([1.0, np.nan, 5.0, 2.0]), np.array([0.0, 1.0, np.nan, 1.0]))
     assert (found.count, found.mean) == (2, 1.0)

@@ -10,6 +10,8 @@ import numpy as np
 
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
+from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY
+from safe_inspect.dynamics.orbit.relative_orbit import RelativeOrbit
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.component import RunningComponent
 from safe_inspect.simulators.resets.plan import EnvironmentDraw, ResetPlan
@@ -257,6 +259,23 @@ def test_what_is_not_drawn_is_that_of_the_dynamics() -> None:
     assert simulation.attitude == ("orientation", "angular_velocity")
     assert simulation.turns_thrust
     assert simulation.drawn == ("position", "velocity", "orientation", "angular_velocity", "sun")
+
+
+def test_the_state_has_the_arrays_that_dynamics_share_and_they_move() -> None:
+    orbit = RelativeOrbit(eccentricity=0.1)
+    simulation = Simulation(
+        orbit, (), masses=MASSES, groups=(Group("red", 0, 1, {}),), reset=Plan({}, {}, {"chief": None}),  # type: ignore[dict-item]
+        step_size=STEP, num_envs=2, seed=0, first_slot=0,
+    )  # fmt: skip
+    simulation.reset(np.arange(2))
+    first = orbit.reset_shared({}, 2)["chief_orbit"]
+    np.testing.assert_array_equal(simulation.state["chief_orbit"], first)
+    simulation.step(np.zeros((2, 1, 3)))
+    moved = simulation.state["chief_orbit"]
+    # From the perigee, r'' = h^2 / r^3 - mu / r^2 and u' = h / r^2; the oblateness changes them by at most 2 %.
+    r, h = first[:, 0], first[:, 2]
+    np.testing.assert_allclose(moved[:, 4] - first[:, 4], h / r**2 * STEP, rtol=0.02)
+    np.testing.assert_allclose(moved[:, 0] - r, 0.5 * (h**2 / r**3 - EARTH_GRAVITY / r**2) * STEP**2, rtol=0.02)
 
 
 def test_what_was_computed_before_a_pause_is_computed_anew_after_it() -> None:

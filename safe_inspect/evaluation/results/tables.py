@@ -249,7 +249,10 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     apart = list(differing_keys(first.record["task"], other.record["task"]))
     if apart:
         shown = ", ".join(apart[:3]) + (", ..." if len(apart) > 3 else "")
-        raise EvaluationError(f"{who}: their tasks differ in {shown}; {remedy}")
+        what = f"their tasks differ in {shown}"
+        remedy = "evaluate both in one task with --cfg, which takes policies with the observations and actions of that "
+        remedy += "task; those of other tasks have no episodes in common, so read the tables of `safe-inspect evaluate`"
+        raise EvaluationError(f"{who}: {what}; {remedy}")
     if first.initial_states.keys() != other.initial_states.keys():
         raise EvaluationError(f"{who}: their deputies differ; {remedy}")
     same = np.ones(len(first), dtype=np.bool_)

@@ -214,7 +214,8 @@ def _newest_run(missing: Path) -> str:
         return f"the newest one there is {checkpoints[-1]}"
     runs = [found for found in missing.parent.glob("*") if (found / "run.json").is_file()]
     if runs:
-        return f"the newest run there is {max(runs, key=os.path.getmtime)}"
+        runs, what = [run for run in runs if run.name.startswith(missing.name)] or runs, "the newest run there is"
+        return f"{what} {max(runs, key=os.path.getmtime)}"
     return "give the run folder that a training prints, or a name of `safe-inspect list policies`"
 
 
