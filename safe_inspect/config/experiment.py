@@ -18,7 +18,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import REPLACED, LocatedDict, ResolvedExperiment, locate, path_text
-from safe_inspect.config.loading.references import expand_references
+from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
@@ -135,20 +135,20 @@ def _listed(problems: list[Problem], tree: Any) -> list[Problem]:
         kept.setdefault(key, problem)
     listed = list(kept.values())
     if any(_MISSING.search(problem.message) for problem in listed):
-        listed += _replaced_lists(tree, ())
+        listed += replaced_lists(tree)
     return listed
 
 
-def _replaced_lists(tree: Any, path: tuple[Any, ...]) -> Iterator[Problem]:
-    """Yield a line for each list of mappings in a file that replaced the list of an included file."""
+def replaced_lists(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[Problem]:
+    """Yield a line for each list of mappings, or list to refer to, in a file that replaced that of an included file."""
     before = getattr(tree, "marks", {}).get(REPLACED)
-    named = isinstance(tree, list) and any(isinstance(item, Mapping) for item in tree)
+    named = isinstance(tree, list) and (STORE in path[-2:-1] or any(isinstance(item, Mapping) for item in tree))
     if named and before is not None and tree.location is not None and before.file != tree.location.file:
         message = f"this list replaces that of {before}, so its items are gone"
         hint = f"append with `{path[-1]}+: [...]`, or change an item by its name with `{path[-1]}: {{NAME: ...}}`"
         yield Problem(message, path_text(path), tree.location, hint)
     for key, value in tree.items() if isinstance(tree, Mapping) else enumerate(tree) if isinstance(tree, list) else ():
-        yield from _replaced_lists(value, (*path, key))
+        yield from replaced_lists(value, (*path, key))
 
 
 def _rllib(

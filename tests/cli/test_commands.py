@@ -336,6 +336,24 @@ def test_an_experiment_is_given_by_its_file_or_by_cfg(typed, words):
     assert typed(*words) == (0, f"{EXPERIMENT} is valid: PPO, blue0_ctrl on blue0\n", "")
 
 
+def test_a_list_that_replaces_the_one_of_a_shipped_file_is_pointed_out(typed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = Path("own.yml")
+    lines = "- !include configs/translational-inspection/experiment.yml\n- blue0_ctrl:\n"
+    lines += "    rewards{0}: [{{functor: {1}}}]\n"
+    lines += "    reference_store: {{constraints{0}: [{{functor: PSM}}]}}\n"
+    file.write_text(lines.format("", "InspectionSuccessReward"))
+    code, out, err = typed("validate", "own.yml")
+    assert (code, out) == (0, "own.yml is valid: PPO, blue0_ctrl on blue0\n")
+    rewards, constraints = sorted(err.splitlines())
+    assert rewards.startswith("warning: own.yml:3 agent_config[0].config.config.rewards: this list replaces that of ")
+    assert rewards.endswith("append with `rewards+: [...]`, or change an item by its name with `rewards: {NAME: ...}`")
+    assert "own.yml:4 agent_config[0].config.config.reference_store.constraints: this list replaces" in constraints
+    file.write_text(lines.format("+", "InspectionSuccessReward, name: Again").replace("[{functor: PSM}]", "[]"))
+    assert typed("validate", "own.yml")[2] == ""
+    assert typed("validate", "configs/weighted-translational-inspection/experiment.yml")[2] == ""
+
+
 @pytest.mark.parametrize("command", ["validate", "safety", "acceptance", "rendezvous"])
 def test_a_command_without_its_experiment_asks_for_it(typed, command):
     assert typed(command) == (2, "", "error: no experiment: give an experiment file; see `safe-inspect --help`\n")

@@ -16,9 +16,9 @@ from pydantic_core import PydanticUndefined
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments, print_doubts
 from safe_inspect.config.data import configs_root
-from safe_inspect.config.experiment import load_experiment
+from safe_inspect.config.experiment import load_experiment, replaced_lists
 from safe_inspect.config.messages.schema import FILES, model_schema
-from safe_inspect.errors import ConfigError, RegistryError, SafeInspectError, did_you_mean
+from safe_inspect.errors import ConfigError, Problem, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.outputs import check_writable, new_file
@@ -111,9 +111,18 @@ def run_validate(arguments: argparse.Namespace) -> int:
         return 0
     experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
     checked_settings(experiment)
+    print_doubts(dict.fromkeys(one for one in replaced_lists(experiment.tree) if _is_in(one, arguments.cfg)))
     agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
     print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
     return 0
+
+
+def _is_in(problem: Problem, file: str) -> bool:
+    """Return whether a problem is in a file of the user; the package's own files replace lists on purpose."""
+    location = problem.location
+    if location is None or Path(location.file).resolve() != Path(file).resolve():
+        return False
+    return not Path(file).resolve().is_relative_to(configs_root().resolve())
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
