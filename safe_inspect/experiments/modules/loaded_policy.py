@@ -74,7 +74,8 @@ class LoadedPolicy:
             raise ArgumentError(f"the observations are not an array of numbers: {observation!r:.60}") from None
         if rows.ndim not in (1, 2) or rows.shape[-1] != self._size:
             raise ArgumentError(
-                f"the observations have the shape {rows.shape}; expected ({self._size},) or (N, {self._size})"
+                f"the observations have the shape {rows.shape}; expected ({self._size},) or (N, {self._size}), as from "
+                "an environment of the policy's own task: `policy.make()`"
             )
         whole = np.atleast_2d(rows)
         if self.recurrent:
