@@ -40,6 +40,11 @@ def visible_share(satellite: np.ndarray, sun: np.ndarray, rays: int = 40_000) ->
     return float(1.0 - ((along > 0.0) & (nearest < EARTH_RADIUS)).mean())
 
 
+def test_the_sun_seen_from_the_earth_is_as_wide_as_in_an_almanac() -> None:
+    """Its apparent diameter at 1 au is 31' 59.3"."""
+    assert 2.0 * earth_shadow(0.001, 149_597_870_700.0).sun == pytest.approx(math.radians(0.53313), rel=1e-3)
+
+
 @pytest.mark.parametrize("mean_motion", [0.00115, 0.001027, 7.2921e-5])
 def test_the_visible_share_of_the_sun_is_that_of_the_rays_to_it(mean_motion: float) -> None:
     """In a low orbit, in that of the shipped task and in the geostationary one, through the whole penumbra."""

@@ -366,3 +366,13 @@ def test_fields_that_are_not_given_come_from_the_parameters_of_the_task():
 
     built = constraint_set({"collision_radius": 12.0}, [ChiefCollision(max_acceleration=0.01)])["chief_collision"]
     assert built == ChiefCollision(collision_radius=12.0, max_acceleration=0.01)
+
+
+@pytest.mark.parametrize(("count", "fits"), [(52, True), (53, False)])
+def test_at_most_52_constraints_of_others_are_kept(count, fits):
+    planes = [Plane(name=f"plane {index}") for index in range(count)]
+    if fits:
+        assert len(BackupFilter({}, planes).constraints) == count
+        return
+    with pytest.raises(ValueError, match="supports at most 52 constraints in addition to chief_collision, "):
+        BackupFilter({}, planes)

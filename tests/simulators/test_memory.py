@@ -227,7 +227,7 @@ def test_inputs_that_no_kernel_can_read_are_refused() -> None:
         place_term(RowTerm(None, (Intervening(),)), where, float, 8, 3)
     for values in (np.zeros((3, 2)), np.zeros((1, 2))[:, ::2].repeat(3, axis=0)):
         with pytest.raises(ValueError, match=r"(?s)a row kernel cannot read AgentPara.* does not fit \(5, 2\) env"):
-            place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8)
+            place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8, 0)
 
 
 def test_an_axis_of_one_element_may_have_any_stride() -> None:

@@ -85,7 +85,7 @@ class PlacedTerm:
         return bool(self.call(self.table_address, address_of(bases), address_of(out), len(out) // agents, agents))
 
 
-def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size: int = 0) -> PlacedTerm:
+def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size: int) -> PlacedTerm:
     """Return a term with its inputs located in memory.
 
     Args:
