@@ -7,9 +7,16 @@ Commands print them without a traceback and exit with code 2; programs that impo
 from __future__ import annotations
 
 import difflib
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from zipfile import BadZipFile
 
+#: What NumPy raises for a damaged ``.npz`` file; a changed bit can make it encrypted, or of an unknown compression.
+UNREADABLE_ARRAYS = (
+    OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error, RuntimeError, NotImplementedError, OverflowError,
+    MemoryError,
+)  # fmt: skip
 #: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.writers`.
 RAISED_IN = "raised in "
 

@@ -8,12 +8,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.errors import OutputError
+from safe_inspect.errors import UNREADABLE_ARRAYS, OutputError
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
@@ -44,7 +43,7 @@ class KeptEpisodes:
         try:
             with np.load(self._folder / _batch_file(self._name, first), allow_pickle=False) as arrays:
                 found = _unpacked(json.loads(str(arrays["tree"])), arrays)
-        except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError):
+        except (*UNREADABLE_ARRAYS, TypeError):
             return None
         if not isinstance(found, Episodes) or len(found) != count:
             return None

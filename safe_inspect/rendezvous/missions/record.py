@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
-from safe_inspect.errors import CheckpointError, SafeInspectError
+from safe_inspect.errors import UNREADABLE_ARRAYS, CheckpointError, SafeInspectError
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.planner.query import Plan
@@ -27,7 +25,6 @@ _STEP_SHAPES = {
     "estimated_target_q": (4,), "reference": (6,), "force": (3,), "torque": (3,),
     "flown": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
 }  # fmt: skip
-_DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(eq=False)
@@ -199,7 +196,7 @@ def _arrays(file: Path) -> dict[str, AnyArray]:
     try:
         with np.load(file) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except _DAMAGED as error:
+    except UNREADABLE_ARRAYS as error:
         raise _damaged(file, str(error).partition("\n")[0] or type(error).__name__) from None
 
 

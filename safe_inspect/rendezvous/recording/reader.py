@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.messages.report import validated
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
-from safe_inspect.errors import ConfigError, Location, Problem
+from safe_inspect.errors import UNREADABLE_ARRAYS, ConfigError, Location, Problem
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.recording.format import (
     DEPTH,
@@ -239,7 +238,7 @@ def _depth(path: Path, unit: float) -> FloatArray:
         raise _frame_error(path, f"the file type {path.suffix!r} is not supported", "give NPZ or 16-bit PNG files")
     try:
         return _npz_depth(path) if kind == ".npz" else _png_depth(path) * unit
-    except (OSError, ValueError, EOFError, BadZipFile, SyntaxError) as error:
+    except (*UNREADABLE_ARRAYS, SyntaxError) as error:
         hint = "write it with numpy.savez" if kind == ".npz" else "write a PNG with one channel of 16 bits"
         raise _frame_error(path, f"it cannot be read ({error})", hint) from None
 

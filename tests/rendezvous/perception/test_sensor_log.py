@@ -179,3 +179,20 @@ def test_a_recorded_watch_is_characterised_twice_to_the_byte(
     for file in ("estimate.json", "estimate.csv", "edges.npz"):
         assert (tmp_path / "first" / file).read_bytes() == (tmp_path / "second" / file).read_bytes()
     assert (tmp_path / "first" / "estimate.png").is_file()
+
+
+def test_a_changed_byte_of_a_frame_is_read_or_refused_in_one_message(tmp_path: Path) -> None:
+    """Among others, it makes the archive one that is encrypted, or of an unknown compression."""
+    log = read_sensor_log(_write(tmp_path / "log"))
+    file = tmp_path / "log" / "frames" / "000001.npz"
+    np.savez_compressed(file, depth=np.round(np.random.default_rng(0).random((30, 40)), 2))
+    whole, refused = file.read_bytes(), 0
+    for place in (*range(80), *range(80, len(whole) - 120, 41), *range(len(whole) - 120, len(whole))):
+        for flip in (0x01, 0xFF):
+            file.write_bytes(whole[:place] + bytes([whole[place] ^ flip]) + whole[place + 1 :])
+            try:
+                log.frame(1)
+            except ConfigError as error:
+                refused += 1
+                assert "000001.npz" in str(error)
+    assert refused > 100
