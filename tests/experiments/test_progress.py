@@ -58,7 +58,7 @@ def test_the_line_of_an_iteration():
 def test_what_is_not_known_yet_is_a_dash():
     stream = io.StringIO()
     TrainingProgress({}, stream).show(result(1))
-    assert "return       -  success   - %  inspected   - %  delta-v      - m/s  left -" in stream.getvalue()
+    assert "return       -  success   - %  delta-v      - m/s  left -" in stream.getvalue()
 
 
 def test_the_bar_is_for_terminals_only():

@@ -231,9 +231,7 @@ class TrainingProgress:
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
         agents = _agents_of(flat)
-        points = (
-            "env_runners/success_rate" not in flat or "env_runners/inspected_fraction" in flat
-        )  # some tasks have no points to inspect
+        points = "env_runners/inspected_fraction" in flat  # some tasks have no points to inspect
         line = self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
