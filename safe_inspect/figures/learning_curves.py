@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -95,7 +96,7 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
             if evaluated is not None:
                 look = {"color": ORANGE, "marker": "o", "linestyle": ""}
                 lines.append(_draw_training(axes, steps, evaluated * factor, "evaluation", **look))
-            _label_panel(axes, label, factor, any(lines))
+            _label_panel(axes, label, factor, any(lines), _has_ended(columns))
         if len(panels[0, 0].get_lines()) > 1:
             panels[0, 0].legend(loc="best")
     return figure
@@ -112,9 +113,15 @@ def _draw_training(axes: Any, steps: FloatArray, values: FloatArray, label: str,
     return True
 
 
-def _label_panel(axes: Any, label: str, factor: float, drawn: bool) -> None:
+def _has_ended(columns: Mapping[str, FloatArray]) -> bool:
+    """Return whether an episode of a training has ended."""
+    return any(bool(np.isfinite(columns[name]).any()) for name, *_ in _PANELS)
+
+
+def _label_panel(axes: Any, label: str, factor: float, drawn: bool, ended: bool) -> None:
     if not drawn:
-        axes.text(0.5, 0.5, "no episode has ended", transform=axes.transAxes, ha="center", color=GREY)
+        text = "not in this task" if ended else "no episode has ended"
+        axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=GREY)
     axes.set_ylabel(label)
     if factor == 100.0:
         axes.set_ylim(-3, 103)
@@ -222,7 +229,7 @@ def curves_figure(
                 _draw_recipe(axes, runs, name, factor, scale, centre, each, deputy_line(index))
                 for index, runs in enumerate(columns.values())
             ]
-            _label_panel(axes, label, factor, any(drawn))
+            _label_panel(axes, label, factor, any(drawn), any(map(_has_ended, itertools.chain(*columns.values()))))
         panels[1, 1].set_ylim(0.0, None)
         _draw_legend(figure, columns, centre)
     return figure
