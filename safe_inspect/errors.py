@@ -150,7 +150,7 @@ def not_named(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``did you mean `x`?`` for the most similar known name, or one with the same start, else all known names.
+    """Return ``did you mean `x`?`` for the most similar name or the shortest with the same start, else all names.
 
     The list has at most twelve names. If no name is known, the result is "there is none".
     """
@@ -159,7 +159,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     cutoff = 0.75 if len(name) > 3 else 0.6  # permits one wrong letter in three
     near = difflib.get_close_matches(name.lower(), list(lowered), n=1, cutoff=cutoff)
     if not near and len(name) > 2:
-        near = [item for item in lowered if item.startswith(name.lower())]
+        near = sorted((item for item in lowered if item.startswith(name.lower())), key=len)
         near = near or [item for item in lowered if len(item) > 2 and name.lower().startswith(item)]
     if near:
         return f"did you mean `{lowered[near[0]]}`?"

@@ -59,6 +59,9 @@ class TestDidYouMean:
     def test_nearest(self) -> None:
         assert did_you_mean("scael", ["scale", "mode"]) == "did you mean `scale`?"
 
+    def test_the_shortest_with_the_same_start(self) -> None:
+        assert did_you_mean("dock", ["DockingAutopilot", "docking"]) == "did you mean `docking`?"
+
     def test_case_counts_little_and_the_known_spelling_is_shown(self) -> None:
         assert did_you_mean("observedpointsreward", ["ObservedPointsReward"]) == "did you mean `ObservedPointsReward`?"
 
