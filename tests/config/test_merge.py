@@ -131,6 +131,15 @@ def test_a_list_that_a_reference_gives_is_appended_to_in_the_store():
     assert merge([base, {"config": {"enabled": False}}])["config"] == {"enabled": False}
 
 
+def test_all_mistakes_of_a_layer_are_reported_at_once():
+    base = {"rewards": [{"functor": "A"}], "config": {"lr": 1}, "parts": [1]}
+    layer = {"rewads+": [4], "config": {"lrr": Removal()}, "rewards": {"B": {"config": {}}, "C": {}}, "parts": [2]}
+    with pytest.raises(ConfigError) as caught:
+        merge([base, layer])
+    words = ("no list `rewads`", "no such key to remove", "no item named 'B'", "no item named 'C'")
+    assert [one for one in words if one in str(caught.value)] == list(words)
+
+
 def test_a_list_within_the_list_is_merged_first():
     assert merge([[{"a": 1}, {"b": [2]}], {"b+": [3]}]) == {"a": 1, "b": [2, 3]}
     with pytest.raises(ConfigError, match="must be a mapping, not 7"):

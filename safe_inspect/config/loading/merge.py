@@ -52,24 +52,34 @@ def merge(items: Any) -> LocatedDict:
 def _pair(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> LocatedDict:
     merged = _located(first).copy()
     merged.location = getattr(second, "location", None) or merged.location
-    marks = getattr(second, "marks", {})
+    problems: list[Problem] = []
     for key, value in second.items():
-        if isinstance(key, str) and key.endswith(APPEND):
-            append(merged, key.removesuffix(APPEND), value, locate(second, (key,)))
-            continue
-        if key == "config" and isinstance(value, Mapping):
-            _refuse_to_append_to_references(merged.get("references"), value)
-        if isinstance(value, Removal):
-            if key not in merged:
-                hint = did_you_mean(str(key), merged)
-                raise ConfigError(Problem("there is no such key to remove", str(key), marks.get(key), hint))
-            del merged[key]
-            continue
-        merged[key] = _over(merged.get(key), value)
-        merged.marks.pop(key, None)  # so that the newest key comes last
-        if key in marks:
-            merged.marks[key] = marks[key]
+        try:
+            _merge_key(merged, key, value, locate(second, (key,)), getattr(second, "marks", {}).get(key))
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(problems)
     return merged
+
+
+def _merge_key(merged: LocatedDict, key: Any, value: Any, location: Location | None, mark: Location | None) -> None:
+    """Merge the value of a key into a mapping, in place."""
+    if isinstance(key, str) and key.endswith(APPEND):
+        append(merged, key.removesuffix(APPEND), value, location)
+        return
+    if key == "config" and isinstance(value, Mapping):
+        _refuse_to_append_to_references(merged.get("references"), value)
+    if isinstance(value, Removal):
+        if key not in merged:
+            hint = did_you_mean(str(key), merged)
+            raise ConfigError(Problem("there is no such key to remove", str(key), mark, hint))
+        del merged[key]
+        return
+    merged[key] = _over(merged.get(key), value)
+    merged.marks.pop(key, None)  # so that the newest key comes last
+    if mark is not None:
+        merged.marks[key] = mark
 
 
 def _over(old: Any, value: Any) -> Any:
@@ -77,8 +87,14 @@ def _over(old: Any, value: Any) -> Any:
     if isinstance(value, Mapping) and isinstance(old, Mapping):
         return _pair(old, value)
     if isinstance(value, Mapping) and isinstance(old, list) and old and all(map(_has_name, old)):
+        problems: list[Problem] = []
         for key in value:
-            old = _with_item(old, str(key), value[key], locate(value, (key,)))
+            try:
+                old = _with_item(old, str(key), value[key], locate(value, (key,)))
+            except ConfigError as error:
+                problems += error.problems
+        if problems:
+            raise ConfigError(problems)
         return old
     if isinstance(value, LocatedList) and isinstance(old, list) and old and (before := locate(old, ())) is not None:
         value = value.copy()
