@@ -65,7 +65,6 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         recoverable: Whether `refusals` also rejects states without a backup plan.
         disturbance: Bounds of the disturbances under which the method ``backup`` enforces the constraints, for a single
             deputy; see `TubeFilter`. None: the motion is exactly that of the model.
-            by itself; see `TubeFilter`. None: the motion is exactly that of the model.
     """
 
     state_observation_names: tuple[str, ...] = ()

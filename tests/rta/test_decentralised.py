@@ -148,8 +148,21 @@ def test_a_row_does_not_depend_on_its_batch(run, team):
         ({"deputy_radius": 0.0}, "greater than 0"),
         ({"constraints": ("deputy_collision", "deputy_collision")}, "contain a duplicate"),
         ({"deputy_radius": 800.0, "enabled": True}, "must be less than r_max"),
+        ({"constraints": (), "enabled": True}, "is empty, so the filter enforces nothing"),
+        ({"disturbance": {}}, "the constraint 'deputy_collision' does not support `disturbance`"),
+        ({"disturbance": {}, "constraints": NAMES, "method": "simplex"}, "method 'simplex' does not support `dist"),
+        ({"intervention": "backup"}, "the constraint 'deputy_collision' does not support `intervention` 'backup'"),
+        ({"intervention": "backup", "constraints": NAMES, "method": "continuous"}, "does not support `intervention`"),
     ],
 )
 def test_bad_parameters_are_named(values, message):
     with pytest.raises(ValidationError, match=message):
         RTAGlueCWHInspection1v1(**({"constraints": (*NAMES, "deputy_collision")} | values))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"constraints": ()}, {"constraints": NAMES, "disturbance": {}}, {"constraints": NAMES, "intervention": "backup"}],
+)
+def test_what_one_filter_supports_is_accepted(values):
+    RTAGlueCWHInspection1v1(**values)
