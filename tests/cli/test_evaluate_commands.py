@@ -440,7 +440,8 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
         code, out, err = typed("compare", first, name)
         assert (code, out) == (2, "")
         assert shown in err
-        assert "evaluate both with the same --seed, --episodes and --cfg" in err
+        remedy = "in one task with --cfg" if name == "horizon" else "with the same --seed, --episodes and --cfg"
+        assert f"evaluate both {remedy}" in err
     assert "`compare` needs two or more sources" in typed("compare", first)[2]
     both = (evaluations / "random", evaluations / "zero-thrust")
     assert "has --seed 0 and is not evaluated again" in typed("compare", *both, "--seed", "77")[2]
