@@ -192,3 +192,26 @@ def flat(errors):
                 yield {**inner, "loc": (*error["loc"], *inner["loc"])}
         else:
             yield error
+
+
+@pytest.mark.parametrize(
+    ("wrapped", "left_out", "message"),
+    [
+        ({"vel_magg": uniform(0, 1, "m/s")}, "", "takes no 'vel_magg'; did you mean `vel_mag`"),
+        ({"vel_mag": uniform(0, 1, "m")}, "", "'vel_mag' is given in m, but is measured in m/s"),
+        ({}, "vel_mag", "CWH3DRadialWithSunInitializer needs `vel_mag`"),
+    ],
+)
+def test_parameters_that_the_initialiser_does_not_take_or_lacks_are_named(wrapped, left_out, message):
+    kept = {name: value for name, value in (WRAPPED | wrapped).items() if name != left_out}
+    mapping = {
+        "type": "RejectionSampler",
+        "config": {
+            "initializer": {"functor": "CWH3DRadialWithSunInitializer"},
+            "rta": {"functor": "RTAGlueCWHInspection1v1"},
+        },
+        "wrapped": kept,
+    }
+    with pytest.raises(PydanticCustomError) as caught:
+        build("parameter", mapping)
+    assert message in str(caught.value) + str(caught.value.context)

@@ -337,11 +337,26 @@ def test_the_share_of_states_that_weak_thrusters_keep():
         ({"r_max": 9.0}, "does not exceed collision_radius"),
         ({"deputy_radius": 900.0}, "must be less than r_max"),
         ({"deputy_radius": -1.0}, "greater than 0"),
+        ({"constraints": (), "enabled": True}, "is empty, so the filter enforces nothing"),
     ],
 )
 def test_bad_parameters_are_named(values, message):
     with pytest.raises(ValidationError, match=message):
         RTACWHInspectionTeam(**values)
+
+
+@pytest.mark.parametrize(
+    ("names", "radius", "message"),
+    [
+        (("chief_collision", "RTATest"), 5.0, "the team's filter cannot enforce 'RTATest'"),
+        (("deputy_colision",), 5.0, "cannot enforce 'deputy_colision'; did you mean `deputy_collision`"),
+        (("deputy_collision",), 0.0, "deputy_radius must be positive and finite"),
+        (("deputy_collision",), float("inf"), "deputy_radius must be positive and finite"),
+    ],
+)
+def test_what_a_filter_of_a_team_cannot_enforce_is_refused(names, radius, message):
+    with pytest.raises(ValueError, match=message):
+        TeamFilter(names=names, deputy_radius=radius)
 
 
 def test_bad_input_is_named(run, start):

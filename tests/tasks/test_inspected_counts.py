@@ -28,3 +28,20 @@ def test_counts_and_fractions_are_those_of_the_points(task: str) -> None:
                 np.testing.assert_array_equal(info["inspected_count"], total.repeat(deputies))
                 own = [(row == deputy).sum() for row in inspector for deputy in range(deputies)]
                 np.testing.assert_array_equal(info["own_inspected_count"], own)
+
+
+def test_new_points_are_those_of_the_step_and_in_the_first_step_those_of_the_reset_too() -> None:
+    environment = TeamEnvironment(load_experiment("safe_inspect/TranslationalInspection-v1").spec, 8, seed=5)
+    environment.reset()
+    points, before = environment.simulation.state.points["chief"], np.zeros(8)
+    assert (points.inspector >= 0).any()
+    thrust = np.random.default_rng(3).integers(0, 3, (60, 8, 1, 3)).astype(float)
+    found = 0
+    for step in range(60):
+        transition = environment.step([thrust[step]])
+        now = (environment.simulation.state.points["chief"].inspector >= 0).sum(axis=1)
+        np.testing.assert_array_equal(transition.groups[0].step.new_points("chief"), now - before)
+        found, before = found + int((now > before).sum()), now
+        if transition.over.any():
+            break
+    assert found > 4
