@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes, Trajectory
-from safe_inspect.evaluation.results.files import read_evaluation, read_trajectories, trajectory_table, write_evaluation
+from safe_inspect.evaluation.results.files import (
+    read_evaluation,
+    read_trajectories,
+    sha256,
+    trajectory_table,
+    write_evaluation,
+)
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson
@@ -146,6 +153,18 @@ def test_recorded_episodes_come_back_from_their_file(tmp_path):
                 np.testing.assert_array_equal(theirs, mine, err_msg=field.name)
             else:
                 assert mine == theirs, field.name
+
+
+def test_recorded_episodes_that_another_evaluation_wrote_are_refused(tmp_path):
+    from pyarrow import parquet
+
+    file = tmp_path / "trajectories.parquet"
+    parquet.write_table(trajectory_table([flight(4, 7)]), file)
+    (tmp_path / "evaluation.json").write_text(json.dumps({"files": {file.name: sha256(file)}}))
+    assert len(read_trajectories(tmp_path)) == 1
+    parquet.write_table(trajectory_table([flight(5, 7)]), file)
+    with pytest.raises(EvaluationError, match="was damaged or changed after it was written; evaluate again"):
+        read_trajectories(tmp_path)
 
 
 def test_damaged_recorded_episodes_are_one_message(tmp_path):
