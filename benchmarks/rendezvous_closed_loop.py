@@ -14,7 +14,8 @@ planned start, with 3 mN of uniform noise on each axis. What disturbs a flight:
 
 With `--offset f` a flight starts off its plan, by a position and a velocity along each axis that are uniform within f
 times the tube. Overrides of the experiment change the chaser, such as `chaser.limits.force="0.12 N"`. The
-linear-quadratic regulator without a tube flies the same plans with the same disturbances.
+linear-quadratic regulator without a tube, and tube model predictive control with a free nominal state (`nominal_mpc`),
+fly the same plans with the same disturbances.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
+from nominal_mpc import NominalMPC  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
@@ -178,6 +180,7 @@ def fly(
         "share": share,
         "keep_in": keeps,
         "fuel": fuel,
+        "unsolved": getattr(tracker, "unsolved", 0),
         "fastest": fastest,
         "end_error": float(np.linalg.norm(flight.state.position - plan.position[-1])),
         "seconds": seconds[1:],
@@ -199,6 +202,7 @@ def report(flights: list[dict[str, Any]]) -> dict[str, Any]:
         "least clearance [cm]": 100.0 * float(clearance.min()),
         "median of the least clearances [cm]": 100.0 * float(np.median(clearance)),
         "steps": len(seconds),
+        "steps without a solution": sum(flight["unsolved"] for flight in flights),
         "flights out of the keep-in box": sum(not flight["keep_in"] for flight in flights),
         "largest speed along an axis [m/s]": max(flight["fastest"] for flight in flights),
         "mean of the sum of |force| dt / mass [m/s]": float(np.mean([flight["fuel"] for flight in flights])),
@@ -222,7 +226,7 @@ def main() -> None:
     config = load_rendezvous(file, (*_SETTINGS, *arguments.settings)).config
     target = config.target()
     errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
-    results: dict[str, list[dict[str, Any]]] = {"tube": [], "lqr": []}
+    results: dict[str, list[dict[str, Any]]] = {"tube": [], "lqr": [], "mpc": []}
     refused: dict[str, int] = {}
     began, draws = time.process_time(), 0
     for number in range(arguments.first, arguments.first + arguments.flights):
@@ -241,6 +245,7 @@ def main() -> None:
         for name, tracker in (
             ("tube", LinearFeedback(design.axis, design.tube, force)),
             ("lqr", LinearFeedback.of_lqr(design.axis, force)),
+            ("mpc", NominalMPC(design.axis, design.tube, design.limits)),
         ):
             results[name].append(fly(config, target, tracker, found, known, noise, offset))
         if (number + 1 - arguments.first) % 50 == 0 or number + 1 == arguments.first + arguments.flights:

@@ -14,8 +14,7 @@ from zipfile import BadZipFile
 
 #: What NumPy raises for a damaged ``.npz`` file; a changed bit can make it encrypted, or of an unknown compression.
 UNREADABLE_ARRAYS = (
-    OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error, RuntimeError, NotImplementedError, OverflowError,
-    MemoryError,
+    OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error, RuntimeError, OverflowError, MemoryError,
 )  # fmt: skip
 #: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.writers`.
 RAISED_IN = "raised in "

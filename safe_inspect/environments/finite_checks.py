@@ -41,7 +41,9 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
         PluginValueError: The array does not have the expected shape.
     """
     if value.shape != shape:
-        meant = "one entry for each row of the batch; sums and norms of a row need `axis=-1`"
+        meant = "one entry for each row of the batch"
+        if not value.shape:
+            meant += "; sums and norms of a row need `axis=-1`"
         raise PluginValueError(f"{what} gave an array of shape {value.shape}; expected shape {shape}, {meant}")
 
 

@@ -251,7 +251,7 @@ def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):
     code, _, err = typed("evaluate", "output/RUN")
     assert code == 2
     assert err.rstrip().endswith("the newest run there is output/new")
-    assert typed("evaluate", "output/ol")[2].rstrip().endswith("the newest run there is output/old")
+    assert typed("evaluate", "output/ol")[2].rstrip().endswith("did you mean output/old?")
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def visible_share(satellite: np.ndarray, sun: np.ndarray, rays: int = 40_000) ->
 
 
 def test_the_sun_seen_from_the_earth_is_as_wide_as_in_an_almanac() -> None:
-    """Its apparent diameter at 1 au is 31' 59.3"."""
+    """Its apparent diameter at 1 au is 31' 59.3", for a radius of 696,000 km, which is 0.04 % above the nominal one."""
     assert 2.0 * earth_shadow(0.001, 149_597_870_700.0).sun == pytest.approx(math.radians(0.53313), rel=1e-3)
 
 

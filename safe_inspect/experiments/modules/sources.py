@@ -214,8 +214,9 @@ def _newest_run(missing: Path) -> str:
         return f"the newest one there is {checkpoints[-1]}"
     runs = [found for found in missing.parent.glob("*") if (found / "run.json").is_file()]
     if runs:
-        runs, what = [run for run in runs if run.name.startswith(missing.name)] or runs, "the newest run there is"
-        return f"{what} {max(runs, key=os.path.getmtime)}"
+        named = [run for run in runs if run.name.startswith(missing.name)]
+        newest = max(named or runs, key=os.path.getmtime)
+        return f"did you mean {newest}?" if named else f"the newest run there is {newest}"
     return "give the run folder that a training prints, or a name of `safe-inspect list policies`"
 
 

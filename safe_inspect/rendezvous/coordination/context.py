@@ -71,7 +71,7 @@ class PilotConfig(NamedTuple):
     @classmethod
     def of(cls, config: RendezvousConfig) -> PilotConfig:
         """Return the pilot's configuration from an experiment."""
-        own = tuple(fault for fault in config.mission.faults if fault.kind in ("planner",))
+        own = tuple(fault for fault in config.mission.faults if fault.kind == "planner")
         mission = config.mission.model_copy(update={"faults": own})
         return cls(config.chaser, mission, config.planner, config.bound, config.tracker)
 
