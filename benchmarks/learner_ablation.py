@@ -49,7 +49,7 @@ def as_variant(variant: str) -> Iterator[None]:
             stack.enter_context(patch.object(policy_net, "linear_layers", lambda *_: None))
         if variant != "private":
             stack.enter_context(patch.object(ppo_nets, "linear_layers", lambda *_: None))
-            stack.enter_context(patch.object(ppo_nets, "is_plain", lambda _: False))
+            stack.enter_context(patch.object(ppo_nets, "FastAdam", ppo_nets.TorchAdam))
         if variant == "compiled":
             plain = ppo_nets.AutogradPass
 

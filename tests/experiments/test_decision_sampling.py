@@ -36,7 +36,7 @@ class Net:
         self._weights = generator.normal(size=(size, 40)).astype(np.float32)
         self._kept = kept
 
-    def __call__(self, explore, step):
+    def __call__(self, explore):
         inputs = np.tanh(self.observations[:, :, None] * self._weights).sum(axis=1)[:, : self._kept]
         return np.ascontiguousarray(np.pad(inputs, ((0, 0), (0, self.distribution.inputs - self._kept))))
 

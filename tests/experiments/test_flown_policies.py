@@ -432,21 +432,21 @@ def test_the_sampler_has_the_outputs_of_the_module(change: Any, rows: int, model
         seen = torch.from_numpy(net.observations.copy())
         with torch.no_grad():
             expected = module.forward_exploration({Columns.OBS: seen})[Columns.ACTION_DIST_INPUTS]
-        np.testing.assert_allclose(net(True, 0), expected, atol=5e-6)
+        np.testing.assert_allclose(net(True), expected, atol=5e-6)
         with torch.no_grad():
             module.pi.net.mlp[-1].bias += 0.5  # the net is the module's
     if "log_std_clip_param" in model:
         assert float(expected[:, 3:].abs().max()) == pytest.approx(0.05)
 
 
-def test_a_module_that_says_more_is_asked_with_the_steps_of_the_training() -> None:
+def test_a_module_is_asked_for_exploration_or_inference() -> None:
     asked: list[Any] = []
 
     class Asked:
         observation_space = SimpleNamespace(shape=(2,))
 
-        def forward_exploration(self, batch: Any, t: int) -> Any:
-            asked.append(("exploration", t, tuple(batch[Columns.OBS].shape)))
+        def forward_exploration(self, batch: Any) -> Any:
+            asked.append(("exploration", tuple(batch[Columns.OBS].shape)))
             return {Columns.ACTION_DIST_INPUTS: 2.0 * batch[Columns.OBS]}
 
         def forward_inference(self, batch: Any) -> Any:
@@ -455,7 +455,7 @@ def test_a_module_that_says_more_is_asked_with_the_steps_of_the_training() -> No
 
     net = PolicyNet(Asked(), 3)
     net.observations[:] = np.arange(6.0).reshape(3, 2)
-    np.testing.assert_array_equal(net(True, 70), 2.0 * np.arange(6.0).reshape(3, 2))
-    np.testing.assert_array_equal(net(False, 71), 3.0 * np.arange(6.0).reshape(3, 2))
-    assert asked == [("exploration", 70, (LEAST_ROWS, 2)), ("inference", (LEAST_ROWS, 2))]
+    np.testing.assert_array_equal(net(True), 2.0 * np.arange(6.0).reshape(3, 2))
+    np.testing.assert_array_equal(net(False), 3.0 * np.arange(6.0).reshape(3, 2))
+    assert asked == [("exploration", (LEAST_ROWS, 2)), ("inference", (LEAST_ROWS, 2))]
     assert net.distribution is None

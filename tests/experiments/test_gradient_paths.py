@@ -98,7 +98,7 @@ def test_the_declared_layers_give_what_the_module_gives(more):
     net = PolicyNet(module, 16)
     assert net._plain is not None
     net.observations[:] = seen["obs"].numpy()
-    np.testing.assert_allclose(net(True, 0), wanted[0].numpy(), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(net(True), wanted[0].numpy(), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.ray

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import inspect
 import json
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.tune.registry import get_trainable_cls, register_env
 
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, OWN_KEYS
@@ -37,6 +39,7 @@ _OWN = frozenset({*OWN_KEYS, "evaluation_config"})
 ENVIRONMENT = "safe_inspect"
 
 _UNSET = -1  # RLlib's value of a removed attribute
+_HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
 
 
 class PolicyOf:
@@ -83,11 +86,14 @@ def build_config(
     config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
-    config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
-    _set_policies(config, settings, policies or {}, texts)
-    if settings["env_runner"] == "batched":
+    callbacks = _own_callbacks(settings.get("callbacks") or ())
+    config.callbacks(callbacks_class=[RunCallbacks, *callbacks])
+    specs = _set_policies(config, settings, policies or {}, texts)
+    recurrent = next((name for name, spec in specs.items() if _is_recurrent(spec)), "")
+    why_stock = f"the policy {recurrent} is recurrent" if recurrent else ""
+    if settings["env_runner"] == "batched" and not _needs_stock("runner samples", why_stock or _hook_of(callbacks)):
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
-    if settings["learner"] == "fast":
+    if settings["learner"] == "fast" and not _needs_stock("learner learns", why_stock):
         own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
         config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")
@@ -98,6 +104,23 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def _is_recurrent(spec: RLModuleSpec) -> bool:
+    return isinstance(spec.model_config, dict) and bool(spec.model_config.get("use_lstm"))
+
+
+def _hook_of(callbacks: Iterable[type[Any]]) -> str:
+    """Return why callbacks need RLlib's stock runner, which calls them for each episode; empty if they do not."""
+    hooks = [hook for hook in _HOOKS for kind in callbacks if getattr(kind, hook) is not getattr(RLlibCallback, hook)]
+    return f"a callback implements `{hooks[0]}`" if hooks else ""
+
+
+def _needs_stock(part: str, reason: str) -> bool:
+    """Return whether there is a reason for a stock part of RLlib, and warn that it is used."""
+    if reason:
+        warnings.warn(f"RLlib's stock {part}, because {reason}", stacklevel=3)
+    return bool(reason)
 
 
 def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[str, str]]) -> None:
@@ -206,14 +229,14 @@ def _set_policies(
     settings: Mapping[str, Any],
     policies: Mapping[str, PolicySpec],
     texts: Mapping[str, Mapping[str, str]],
-) -> None:
-    """Set the policies in RLlib's configuration, with their agents and their own settings."""
+) -> dict[str, RLModuleSpec]:
+    """Set the policies in RLlib's configuration, with their agents and their own settings; return them by name."""
     model, algorithm = settings["model_config"], settings["algorithm"]
     entry = settings.get("rl_module")
     if not policies:
         spec = own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
         config.rl_module(rl_module_spec=spec)
-        return
+        return {SINGLE: spec}
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
@@ -232,3 +255,4 @@ def _set_policies(
         policies_to_train=[name for name, policy in policies.items() if policy.trains],
         algorithm_config_overrides_per_module={name: own for name, own in overrides.items() if own},
     )
+    return specs

@@ -27,7 +27,6 @@ from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
 from safe_inspect.experiments.learning.ppo_training import NetTraining, joined
 from safe_inspect.experiments.modules.distributions import distribution_of_module
 from safe_inspect.experiments.sampling.callbacks import set_threads
-from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.types import AnyArray, IntArray
 
 #: Key in `learner_config_dict` of the number of nets that learn in parallel.
@@ -38,15 +37,13 @@ _ROWS_AT_ONCE = 1024
 
 
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
-    """RLlib's PPO learner on arrays; if it does not support a training, the base class learns instead.
+    """RLlib's PPO learner on arrays, which `build_config` selects for the trainings that it supports.
 
     Attributes:
         why_autograd: For each policy that has learned, why autograd computes its gradients; see `Net`.
     """
 
     config: Any
-    _stock = ""
-    _told = False
 
     def build(self) -> None:
         """Build the modules and the optimisers, as RLlib does."""
@@ -54,34 +51,18 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         self.why_autograd: dict[str, str] = {}
         if self.config.num_learners:  # the learner runs in a separate process
             set_threads(self.config.env_config)
-        self._stock = capabilities(self.config).learning
 
     def update(self, *arguments: Any, **keywords: Any) -> Any:
         """Learn from a batch; see RLlib's `Learner.update`."""
-        data, episodes = keywords.get("training_data"), keywords.get("episodes")
+        data, episodes = keywords.get("training_data"), keywords.get("episodes") or ()
         if data is not None:
             data.validate()
             data.solve_refs()
             episodes = data.episodes
-        reason = self._stock
-        if not reason and not arguments and episodes:
-            batches = batches_of(episodes, self.should_module_be_updated)
-            reason = next(filter(None, map(self._why_not_learned, batches)), "")
-            if batches and not reason:
-                return self._learn(batches, sum(map(len, episodes)), **keywords)
-        if reason and not self._told:
-            warnings.warn(f"RLlib's stock learner learns, because {reason}", stacklevel=2)
-            self._told = True
-        return super().update(*arguments, **keywords)
-
-    def _why_not_learned(self, name: str) -> str:
-        """Return why a policy needs RLlib's learner; empty if it does not need it."""
-        config = self.config.get_config_for_module(name)
-        optimisers = [optimiser for _, optimiser in self.get_optimizers_for_module(name)]
-        plain = [type(each) for each in optimisers] == [torch.optim.Adam] and len(optimisers[0].param_groups) == 1
-        reason = capabilities(config, self.module[name].unwrapped()).learning
-        reason = reason or ("" if plain else "the policy's optimiser is not Adam")
-        return f"{reason} ({name})" if reason else ""
+        batches = batches_of(episodes, self.should_module_be_updated)
+        if not batches:
+            return super().update(*arguments, **keywords)
+        return self._learn(batches, sum(len(episode) for episode in episodes), **keywords)
 
     def _learn(
         self,

@@ -72,7 +72,7 @@ class RunCallbacks(RLlibCallback):
             log_reports(metrics_logger, env_runner.config, [report])
 
 
-def log_reports(logger: Any, config: Any, reports: list[EpisodeReport]) -> None:
+def log_reports(logger: Any, config: Any, reports: Sequence[EpisodeReport]) -> None:
     """Log the means of the values of episodes that have ended.
 
     Args:

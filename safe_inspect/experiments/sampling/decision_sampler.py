@@ -59,9 +59,9 @@ class DecisionSampler(Sampler):
         self._pending = []
         self._decisions[:] = 0
 
-    def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Any:
+    def roll(self, steps: int, explore: bool = True) -> Any:
         """Take a number of control steps in every environment; see `Sampler.roll`."""
-        rollout: Any = super().roll(steps, explore, random, lifetime)
+        rollout: Any = super().roll(steps, explore)
         self._pending = [track.pending() for track in rollout.tracks]
         return rollout
 
@@ -71,11 +71,11 @@ class DecisionSampler(Sampler):
             track.resume(pending)
         return rollout
 
-    def _advance(self, rollout: DecisionRollout, time: int, explore: bool, random: bool, lifetime: int) -> None:
+    def _advance(self, rollout: DecisionRollout, time: int, explore: bool) -> None:
         starting = self._starting()
         self._decisions += starting
         self._rewards[starting], self._discounts[starting], self._elapsed[starting] = 0.0, 1.0, 0
-        super()._advance(rollout, time, explore, random, lifetime)
+        super()._advance(rollout, time, explore)
 
     def _starting(self) -> BoolArray:
         """Return a mask of the agents that decide now, shape (K, N)."""

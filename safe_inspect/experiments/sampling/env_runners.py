@@ -1,13 +1,13 @@
 """Batched environment runners for RLlib, in which all environments and their policies are evaluated as one batch.
 
 RLlib's own ("stock") runners have a Python object for each environment and pass every step through connectors. These
-runners use arrays, and create RLlib's episodes from them when a sample is requested. If they do not support a training,
-the stock runner from which they are derived samples instead: see `safe_inspect.experiments.settings.capabilities`.
+runners use arrays, and create RLlib's episodes from them when a sample is requested. `build_config` selects them
+for the trainings that they support.
 """
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -21,14 +21,13 @@ from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.experiments.sampling.callbacks import log_episodes, log_reports, log_steps, set_threads
-from safe_inspect.experiments.sampling.capabilities import capabilities
 from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
 from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, seed_of
 from safe_inspect.experiments.sampling.episode_reports import EpisodeReport
 from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
 from safe_inspect.experiments.sampling.policy_net import PolicyNet
 from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.experiments.sampling.sampler import AgentSlot, Sampler, agent_slots, agents_by_policy
+from safe_inspect.experiments.sampling.sampler import AgentSlot, Sampler, agent_slots
 
 #: Name of the task's part of a runner's state.
 TASK = "task"
@@ -79,15 +78,10 @@ class _Batched:
     _weights_seq_no: int
     _needs_initial_reset: bool
     _sampler: Sampler | None = None
-    _stock = ""
+    _done: Sequence[EpisodeReport] = ()
 
     def make_env(self) -> None:
         """Build the environments in the slots of this runner."""
-        self._stock = self._stock or capabilities(self.config).sampling
-        if self._stock:
-            warnings.warn(f"RLlib's stock runner samples, because {self._stock}", stacklevel=2)
-            super().make_env()  # type: ignore[misc]
-            return
         config = self.config.env_config
         set_threads(config)
         count, evaluation = self.config.num_envs_per_env_runner, bool(self.config.in_evaluation)
@@ -98,7 +92,7 @@ class _Batched:
         self.num_envs = count
         self._slot, self._seed_of_slots = slot, seed_of(config, evaluation)
         self._sampler = None
-        self._done: list[EpisodeReport] = []
+        self._done = ()
         self._needs_initial_reset = True
         make_callback(
             "on_environment_created",
@@ -112,21 +106,7 @@ class _Batched:
             },
         )
 
-    def make_module(self) -> None:
-        """Build the policies, and use the stock runner if the batched runner does not support them."""
-        super().make_module()  # type: ignore[misc]
-        if self.env is None or self._stock or self.module is None:
-            return
-        for policy in agents_by_policy(self.agent_slots):
-            self._stock = self._stock or capabilities(self.config, self._module_of(policy)).sampling
-        if self._stock:
-            self.env = None
-            self.make_env()
-
     def _sample(self, **options: Any) -> list[Any]:
-        if self._stock:
-            found: list[Any] = super()._sample(**options)  # type: ignore[misc]
-            return found
         with Reported(self.config.env_config):
             rollout = self._roll(**options)
         self._count(rollout)
@@ -146,6 +126,7 @@ class _Batched:
         random_actions: bool = False,
         force_reset: bool = False,
     ) -> Rollout:
+        assert not random_actions, "the algorithms with a batched runner do not sample random actions"
         if self._sampler is None:
             make: Any = Sampler
             if self.env.team.decides:
@@ -158,21 +139,20 @@ class _Batched:
                 first_slot=self._slot,
             )
         assert self._sampler is not None
-        lifetime = self.num_env_steps_sampled_lifetime  # type: ignore[attr-defined]
         if num_timesteps is None:
             self._needs_initial_reset = True
-            return self._sampler.roll_episodes(num_episodes or 0, explore, random_actions, lifetime)
+            return self._sampler.roll_episodes(num_episodes or 0, explore)
         if force_reset or self._needs_initial_reset:
             self._sampler.reset()
             self._needs_initial_reset = False
-        return self._sampler.roll(-(-num_timesteps // self.num_envs), explore, random_actions, lifetime)
+        return self._sampler.roll(-(-num_timesteps // self.num_envs), explore)
 
     def _count(self, rollout: Rollout) -> None:
         """Log the steps and the episodes of a sample."""
         sampler = self._sampler
         assert sampler is not None, "sampled before"
         reports, sampler.reports = sampler.reports, []
-        self._done += reports
+        self._done = [*self._done, *reports]
         steps = log_steps(self.metrics, rollout, self.agent_slots, len(reports), self.several)
         if steps:
             self._log_env_steps(metric=self._metrics_num_env_steps_sampled, num_steps=steps)  # type: ignore[attr-defined]
@@ -181,25 +161,23 @@ class _Batched:
         """Return the state for a checkpoint: RLlib's state, and the task's state that resets do not change."""
         state: dict[str, Any] = super().get_state(components, not_components=not_components, **kwargs)  # type: ignore[misc]
         wanted = self._check_component(TASK, components, not_components)  # type: ignore[attr-defined]
-        if wanted and isinstance(self.env, TeamSpaces):
+        if wanted and self.env is not None:
             state[TASK] = self.env.team.simulation.state_dict()
         return state
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore a state; the evaluation ignores the task's part, such as the training's price of fuel."""
         super().set_state(state)  # type: ignore[misc]
-        if TASK in state and isinstance(self.env, TeamSpaces) and not self.config.in_evaluation:
+        if TASK in state and self.env is not None and not self.config.in_evaluation:
             self.env.team.simulation.load_state_dict(state[TASK])
             self._needs_initial_reset = True
 
     def get_metrics(self) -> Any:
         """Return the metrics that were logged since the last call."""
-        if self._stock or self.env is None:
-            return super().get_metrics()  # type: ignore[misc]
         if self._done:
             log_episodes(self.metrics, self.config, self._done, self.agent_slots, self.several)
             log_reports(self.metrics, self.config, self._done)
-            self._done = []
+            self._done = ()
         return self.metrics.reduce()
 
     def assert_healthy(self) -> None:

@@ -107,10 +107,11 @@ def _episode(
     actions: Any = track.actions[part]
     if np.issubdtype(spaces[1].dtype, np.integer):
         actions = actions.astype(spaces[1].dtype)
-    outputs: dict[str, AnyArray] = {WEIGHTS_SEQ_NO: np.full(span.length, weights)}
-    if not rollout.random:
-        outputs[Columns.ACTION_DIST_INPUTS] = track.inputs[part]
-        outputs[Columns.ACTION_LOGP] = track.log_probabilities[part]
+    outputs: dict[str, AnyArray] = {
+        WEIGHTS_SEQ_NO: np.full(span.length, weights),
+        Columns.ACTION_DIST_INPUTS: track.inputs[part],
+        Columns.ACTION_LOGP: track.log_probabilities[part],
+    }
     if track.steps is not None:
         outputs[DECISION_STEPS] = track.steps[part]
     rewards: Any = track.rewards[part]

@@ -44,22 +44,20 @@ class PolicyNet:
         #: The action distribution of the module, which is one of those that are supported.
         self.distribution: Any = distribution_of_module(module)
 
-    def __call__(self, explore: bool, step: int) -> AnyArray:
+    def __call__(self, explore: bool) -> AnyArray:
         """Return the inputs of the action distributions, float32, shape (rows, I).
 
         Args:
             explore: Whether to call the module's forward pass for exploration instead of that for inference.
-            step: Number of steps that the whole training has sampled, for modules that anneal their exploration.
         """
         with torch.no_grad():
             batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
-            found = self._ask(batch, explore, step) if self._plain is None else self._plain(batch)
+            found = self._ask(batch, explore) if self._plain is None else self._plain(batch)
         return np.asarray(found[: self._rows].cpu().numpy())
 
-    def _ask(self, batch: torch.Tensor, explore: bool, step: int) -> torch.Tensor:
-        asked = {Columns.OBS: batch}
-        outputs = self._module.forward_exploration(asked, t=step) if explore else self._module.forward_inference(asked)
-        found: torch.Tensor = outputs[Columns.ACTION_DIST_INPUTS]
+    def _ask(self, batch: torch.Tensor, explore: bool) -> torch.Tensor:
+        ask = self._module.forward_exploration if explore else self._module.forward_inference
+        found: torch.Tensor = ask({Columns.OBS: batch})[Columns.ACTION_DIST_INPUTS]
         return found
 
     def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:

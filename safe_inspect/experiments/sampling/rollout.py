@@ -136,7 +136,6 @@ class Rollout:
         pieces: The parts of episodes, in the order of time for each environment.
         ended: Time index after the step with which each agent ended in the current piece, -1 while it is active, shape
             (K, N).
-        random: Whether actions were sampled without a policy.
     """
 
     _Track: type[Track] = Track
@@ -151,7 +150,6 @@ class Rollout:
     ) -> None:
         self.tracks = tuple(self._Track(size, len(begun), steps) for size in sizes)
         self.pieces: list[Piece] = []
-        self.random = False
         self.ended: IntArray = np.full(flying.shape, -1, dtype=np.int64)
         self._steps = steps
         self._start: IntArray = np.zeros_like(begun)

@@ -99,7 +99,6 @@ class Sampler:
             (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
             for group, distribution in zip(environment.acting, self._distributions, strict=True)
         ]
-        self._generator = np.random.default_rng(seed)
         self._sums = EpisodeAccumulator(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
         self._flying: BoolArray = np.ones((len(slots), count), dtype=np.bool_)
@@ -117,24 +116,22 @@ class Sampler:
         self._flying[:] = True
         self._since = [perf_counter()] * len(rows)
 
-    def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+    def roll(self, steps: int, explore: bool = True) -> Rollout:
         """Take a number of steps in every environment.
 
         Args:
             steps: Number of steps.
             explore: Whether to sample actions; otherwise they are the means.
-            random: Whether to sample actions uniformly within their bounds instead, without a policy.
-            lifetime: Number of steps that the whole training has sampled.
         """
         rollout: Rollout = self._rollout(steps)
         for time in range(steps):
-            self._advance(rollout, time, explore, random, lifetime)
+            self._advance(rollout, time, explore)
         self._observe(rollout, steps)
         rollout.close(steps)
         self._flying &= rollout.ended < 0
         return rollout
 
-    def roll_episodes(self, count: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+    def roll_episodes(self, count: int, explore: bool = True) -> Rollout:
         """Sample whole episodes: the first ones of as many environments as possible.
 
         The number of episodes of each environment is fixed in advance, because taking the episodes that end first would
@@ -143,8 +140,6 @@ class Sampler:
         Args:
             count: Number of episodes.
             explore: See `roll`.
-            random: See `roll`.
-            lifetime: See `roll`.
         """
         self.reset()
         envs = self.environment.num_envs
@@ -152,7 +147,7 @@ class Sampler:
         rollout: Rollout = self._rollout(512, wanted)
         time = 0
         while rollout.missing:
-            self._advance(rollout, time, explore, random, lifetime)
+            self._advance(rollout, time, explore)
             time += 1
         return rollout
 
@@ -176,13 +171,9 @@ class Sampler:
     def _rollout(self, steps: int, wanted: IntArray | None = None) -> Any:
         return Rollout(self._sizes, steps, self._step.copy(), self._flying.copy(), wanted)
 
-    def _advance(self, rollout: Any, time: int, explore: bool, random: bool, lifetime: int) -> None:
+    def _advance(self, rollout: Any, time: int, explore: bool) -> None:
         rollout.reserve(time + 1)
-        chosen = self._observe(rollout, time)
-        if random:
-            self._act_at_random(rollout, time, chosen)
-        else:
-            self._act(rollout, time, chosen, explore, lifetime + time * self.environment.num_envs)
+        self._act(rollout, time, self._observe(rollout, time), explore)
         transition = self.environment.step(self._actions)
         self._step += 1
         self._sums.add(transition)
@@ -209,7 +200,7 @@ class Sampler:
         """Return a policy's net for a number of rows."""
         return self._nets[policy]
 
-    def _act(self, rollout: Any, time: int, chosen: Sequence[Rows], explore: bool, lifetime: int) -> None:
+    def _act(self, rollout: Any, time: int, chosen: Sequence[Rows], explore: bool) -> None:
         episodes = self.environment.simulation.episodes
         for policy, indices in self._slots_by_policy.items():
             counts = [len(self._slots[chosen[index]]) for index in indices]
@@ -220,7 +211,7 @@ class Sampler:
             for index, place in zip(indices, places, strict=True):
                 slot = self.agent_slots[index]
                 net.observations[place] = self._observations[slot.group][chosen[index], slot.member]
-            inputs = net(explore, lifetime)
+            inputs = net(explore)
             for index, place in zip(indices, places, strict=True):
                 slot, rows = self.agent_slots[index], chosen[index]
                 track, mine = rollout.tracks[slot.group], inputs[place]
@@ -237,15 +228,6 @@ class Sampler:
     def _time_of(self, track: Any, member: int, rows: Rows, time: int) -> Any:
         """Return the index in a track of the actions that an agent takes now."""
         return time
-
-    def _act_at_random(self, rollout: Any, time: int, chosen: Sequence[Rows]) -> None:
-        rollout.random = True
-        for group, actions in zip(self.environment.acting, self._actions, strict=True):
-            actions[...] = group.action_layout.draw(self._generator, actions.shape[:-1])
-        for slot, rows in zip(self.agent_slots, chosen, strict=True):
-            track = rollout.tracks[slot.group]
-            time_of = self._time_of(track, slot.member, rows, time)
-            track.actions[slot.member, rows, time_of] = self._actions[slot.group][rows, slot.member]
 
     def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
         """Close the pieces of ended episodes, report them and start new episodes; return the rows that are kept."""

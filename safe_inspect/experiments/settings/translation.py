@@ -6,7 +6,7 @@ Nothing here imports Ray, so that `safe-inspect validate` takes a fraction of a 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, run_keys
@@ -15,7 +15,6 @@ from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.config.keys.rllib_release import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.capabilities import choose_fast_paths
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
 from safe_inspect.experiments.settings.values import EVAL, check_value, is_searched, named_values, resolved_by_tune
 
@@ -41,7 +40,7 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
     if not found.problems:
         found.problems += _fit_batch(settings, found.given)
-    notes, wrong = choose_fast_paths(settings)
+    notes, wrong = _choose_fast_paths(settings)
     found.notes += notes
     found.problems += wrong
     found.settings = settings
@@ -205,6 +204,71 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
             message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
+
+
+def _above(limit: float) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int | float) and value > limit
+
+
+#: For each key: a predicate for the values that need RLlib's stock runner or learner, the reason for the runner, and
+#: the reason for the learner. An empty reason means that the value does not affect that part.
+_STOCK_KEYS: dict[str, tuple[Callable[[Any], bool], str, str]] = {
+    "rl_module": (
+        bool,
+        "the batched runner supports only the package's own policies",
+        "the fast learner supports only the package's own policies",
+    ),
+    "env_to_module_connector": (bool, "there is a connector between environment and policy", ""),
+    "module_to_env_connector": (bool, "there is a connector between policy and environment", ""),
+    "restart_failed_sub_environments": (bool, "the batched runner does not restart environments that fail", ""),
+    "num_learners": (_above(1), "", "several learners share a batch"),
+    "torch_compile_learner": (bool, "", "the fast learner is not compiled"),
+    "torch_skip_nan_gradients": (lambda value: value is False, "", "each gradient must be checked"),
+    "learner_connector": (bool, "", "there is a connector between episodes and learner"),
+    "use_critic": (lambda value: value is False, "", "there is no value function"),
+    "num_aggregator_actors_per_learner": (_above(0), "", "other processes make the batches"),
+}
+
+
+def _choose_fast_paths(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
+    """Set `env_runner` and `learner` to ``stock`` where this package's own ones do not support the training.
+
+    Args:
+        settings: The settings of the algorithm, which are changed in place.
+
+    Returns:
+        Notes for the user, and problems.
+    """
+    problems = [
+        Problem(f"`{key}` sets how to {what} and cannot be searched; give one value", f"rllib_configs.{key}")
+        for key, what in (("env_runner", "sample"), ("learner", "compute"), ("learner_threads", "compute"))
+        if is_searched(settings[key])
+    ]
+    if problems:
+        return [], problems
+    notes, algorithm = [], settings["algorithm"]
+    sampling = learning = "the policy is recurrent (`use_lstm`)" if settings["model_config"].get("use_lstm") else ""
+    if algorithm not in keys.BATCHED_ALGORITHMS:
+        sampling = f"the batched runner supports {', '.join(keys.BATCHED_ALGORITHMS)}, not {algorithm}"
+    for key, (needed, runner, learner) in _STOCK_KEYS.items():
+        if any(value is not None and needed(value) for value in named_values(settings.get(key))):
+            sampling = sampling or (runner and f"{runner} (`{key}`)")
+            learning = learning or (learner and f"{learner} (`{key}`)")
+    if sampling and settings["env_runner"] == "batched":
+        settings["env_runner"] = "stock"
+        notes.append(f"RLlib's stock runner samples: {sampling}")
+    whole = settings.get("batch_mode") == "complete_episodes" and settings["num_envs_per_env_runner"] != 1
+    if whole and settings["env_runner"] == "stock":
+        notes.append(
+            "`batch_mode: complete_episodes` discards unfinished episodes and so favours short ones; "
+            "`truncate_episodes` uses them"
+        )
+    if algorithm != "PPO":
+        settings["learner"] = "stock"  # the other algorithms have only RLlib's learner
+    elif learning and settings["learner"] == "fast":
+        settings["learner"] = "stock"
+        notes.append(f"RLlib's stock learner learns: {learning}")
+    return notes, []
 
 
 def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Problem]) -> dict[str, float]:
