@@ -17,7 +17,7 @@ __all__ = ["__version__", "load_experiment", "load_policy", "make", "make_parall
 
 _HOMES = {
     "load_experiment": "safe_inspect.config.experiment",
-    "load_policy": "safe_inspect.experiments.modules.loaded_policy",
+    "load_policy": "safe_inspect.experiments.modules.sources",
     "make": "safe_inspect.environments.registration",
     "make_parallel": "safe_inspect.environments.registration",
     "make_parallel_vec": "safe_inspect.environments.registration",

@@ -152,7 +152,7 @@ def _flights(arguments: argparse.Namespace) -> Flights:
     workers = arguments.workers or 1
     if not addresses:
         return LocalFlights(workers)
-    from safe_inspect.experiments.runs.missions import RayFlights  # loads Ray
+    from safe_inspect.experiments.runs.cluster import RayFlights  # loads Ray
 
     return RayFlights(addresses[-1], workers)
 

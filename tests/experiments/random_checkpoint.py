@@ -81,7 +81,7 @@ def save_run(folder, experiment, modules, keep_info=False):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
     from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
     from safe_inspect.experiments.files.weights import INFO
-    from safe_inspect.experiments.settings.policy_info import policy_info
+    from safe_inspect.experiments.settings.policies import policy_info
 
     outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"

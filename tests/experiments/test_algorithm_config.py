@@ -23,8 +23,7 @@ def policies(**own: Any) -> list[Any]:
 def test_a_single_agent_gets_the_batched_runner_and_the_fast_learner() -> None:
     from safe_inspect.experiments.learning.algorithm import ENVIRONMENT
     from safe_inspect.experiments.learning.ppo_learner import FastPPOLearner
-    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
-    from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner
+    from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, RunCallbacks
 
     config: Any = build(
         {"team": ONE}, learner_threads=3, learner_config_dict={"a": 1}, gamma=0.5, **{"lambda": 0.75},
@@ -133,7 +132,7 @@ def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str
     ],
 )
 def test_there_is_another_replay_buffer_for_several_policies(kind: str, several: bool, made: str | None) -> None:
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import set_replay_buffer
 
     config: Any = SimpleNamespace()
     if made is not None:

@@ -42,8 +42,8 @@ class Net:
 
 
 def sampler(path=ONE, *overrides, num_envs=4, first_slot=0, distribution=None, kept=None, seed=3):
-    from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
-    from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots
+    from safe_inspect.experiments.sampling.rollout import agent_slots
+    from safe_inspect.experiments.sampling.sampler import DecisionSampler, Sampler
 
     spec = load_experiment(path, ["horizon=110", *overrides]).spec
     team = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)

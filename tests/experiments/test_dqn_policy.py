@@ -42,7 +42,7 @@ def _module(**settings):
 
 def _save(folder, module):
     from safe_inspect.experiments.files.weights import INFO
-    from safe_inspect.experiments.settings.policy_info import policy_info
+    from safe_inspect.experiments.settings.policies import policy_info
 
     experiment = experiment_of(discrete)
     info = policy_info(experiment, "default_policy", experiment.spec.agents)
@@ -124,7 +124,7 @@ def test_it_does_not_fly_with_policies_that_learn(run):
 def test_the_shipped_file_is_built_with_one_choice():
     from safe_inspect.experiments.learning.algorithm import build_config
     from safe_inspect.experiments.runs.train import read_settings
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     learner = configs_root() / "learners" / "dqn.yml"
     task = configs_root() / "translational-inspection" / "experiment.yml"
@@ -136,7 +136,7 @@ def test_the_shipped_file_is_built_with_one_choice():
 
 
 def test_the_environments_of_rllib_take_an_index():
-    from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
+    from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 
     resolved = load_experiment("safe_inspect/TranslationalInspection-v1").resolved
     flat = TrainingEnv({"experiment": resolved, "flat_actions": True}, 2)
@@ -170,8 +170,7 @@ def test_too_many_combinations_are_refused():
     ],
 )
 def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, kind):
-    from safe_inspect.experiments.learning.algorithm import default_config
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config, set_replay_buffer
 
     config = default_config(algorithm)
     set_replay_buffer(config, {**config.replay_buffer_config, "capacity": 10}, several=several)
@@ -179,8 +178,7 @@ def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, k
 
 
 def test_a_replay_buffer_that_is_misspelt_is_reported():
-    from safe_inspect.experiments.learning.algorithm import default_config
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config, set_replay_buffer
 
     with pytest.raises(ConfigError, match="did you mean `PrioritizedEpisodeReplayBuffer`"):
         set_replay_buffer(default_config("DQN"), {"type": "PrioritizedEpisodeReplayBufer"}, several=False)

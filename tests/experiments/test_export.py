@@ -201,7 +201,7 @@ class TestRefusals:
     def test_a_module_of_another_kind(self, run):
         from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 
-        from safe_inspect.experiments.export.net_layers import layers_of
+        from safe_inspect.experiments.export.onnx_graph import layers_of
 
         class Halved(DefaultPPOTorchRLModule):
             def _forward(self, batch, **kwargs):

@@ -17,13 +17,12 @@ from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules import fresh_policy, loaded_policy, policy
-from safe_inspect.experiments.modules.distributions import TorchHurdle, distribution_of_module
+from safe_inspect.experiments.modules import fresh_policy, policy, sources
 from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, check_frozen, frozen_spec
-from safe_inspect.experiments.modules.loaded_policy import LoadedPolicy, load_policy
 from safe_inspect.experiments.modules.policy import TrainedPolicy
-from safe_inspect.experiments.modules.saved_policy import BestChoices
-from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
+from safe_inspect.experiments.modules.saved_policy import BestChoices, TorchHurdle, distribution_of_module
+from safe_inspect.experiments.modules.sources import LoadedPolicy, load_policy
+from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
 from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 
@@ -127,7 +126,7 @@ def test_a_policy_is_loaded_for_the_agent_that_it_flies(monkeypatch: pytest.Monk
         asked.append((sources, wanted.cfg, wanted.overrides, wanted.sampled))
         return [SimpleNamespace(experiment=SimpleNamespace(spec=spec), policies=found)]
 
-    monkeypatch.setattr(loaded_policy, "open_candidates", opened)
+    monkeypatch.setattr(sources, "open_candidates", opened)
     assert load_policy("here", "cfg", ["a=1"]).agent == first
     assert asked == [(["here"], "cfg", ("a=1",), False)]
     assert load_policy(Path("here"), agent=third).agent == third

@@ -87,7 +87,7 @@ def test_the_declared_layers_give_what_the_module_gives(more):
     import torch
 
     from safe_inspect.experiments.learning.ppo_nets import nets_of
-    from safe_inspect.experiments.sampling.policy_net import PolicyNet
+    from safe_inspect.experiments.modules.tanh_net import PolicyNet
 
     module = built({**NET, "fcnet_hiddens": [16, 16], **more})
     seen = {"obs": torch.linspace(-2.0, 2.0, 16 * 5).reshape(16, 5)}

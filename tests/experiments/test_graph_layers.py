@@ -156,7 +156,7 @@ def test_the_best_of_the_other_choices_counts_for_each_choice() -> None:
 def test_the_outputs_of_a_head_have_their_deviations_within_the_limit(clip: bool, free: bool) -> None:
     from ray.rllib.core.models.configs import FreeLogStdMLPHeadConfig, MLPHeadConfig
 
-    from safe_inspect.experiments.export.net_layers import with_head
+    from safe_inspect.experiments.export.onnx_graph import with_head
 
     config = (FreeLogStdMLPHeadConfig if free else MLPHeadConfig)(
         input_dims=[4], hidden_layer_dims=[], output_layer_dim=6, clip_log_std=clip, log_std_clip_param=0.25

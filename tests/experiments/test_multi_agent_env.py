@@ -15,7 +15,7 @@ EXPERIMENT = Path(__file__).parents[2] / "configs" / "multiagent-translational-i
 
 
 def dummy(**experiment):
-    from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv
+    from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv
 
     return TeamMultiAgentEnv({"experiment": {"team": TEAM, **experiment}, "seed": 3, "maker": MAKER})
 
@@ -23,7 +23,7 @@ def dummy(**experiment):
 def test_rllib_accepts_it():
     from ray.rllib.utils.pre_checks.env import check_multiagent_environments
 
-    from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv
+    from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv
 
     env = TeamMultiAgentEnv({"cfg": EXPERIMENT})
     check_multiagent_environments(env)

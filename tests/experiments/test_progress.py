@@ -13,8 +13,16 @@ import numpy as np
 import pytest
 
 from safe_inspect.experiments.runs import progress
-from safe_inspect.experiments.runs.progress import Messages, TrainingProgress, clock_text, flatten, row_of, time_left
-from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.runs.progress import (
+    Messages,
+    TrainingLog,
+    TrainingProgress,
+    clock_text,
+    flatten,
+    read_progress,
+    row_of,
+    time_left,
+)
 
 
 def result(iteration, **runners):

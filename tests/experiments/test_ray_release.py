@@ -132,7 +132,7 @@ def test_the_names_of_the_release_are_those_of_the_installed_one(monkeypatch):
 
 def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
     assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
@@ -144,7 +144,7 @@ def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
 
 def test_settings_reach_the_algorithm():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     found = translate_rllib(
         {"lambda": 0.9, "num_sgd_iter": 3, "train_batch_size": 640, "minibatch_size": 64, "vf_share_layers": True}
@@ -160,7 +160,7 @@ def test_settings_reach_the_algorithm():
 
 def test_what_rllib_refuses_is_our_error():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     found = translate_rllib({"use_gae": False})
     with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
@@ -169,7 +169,7 @@ def test_what_rllib_refuses_is_our_error():
 
 def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     base = "from ray.rllib.callbacks.callbacks import RLlibCallback"
     (tmp_path / "own_callbacks.py").write_text(f"{base}\nclass Mine(RLlibCallback):\n    pass\nx = 3\n")

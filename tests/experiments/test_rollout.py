@@ -26,7 +26,8 @@ class Net:
 
 
 def sampler(team=TEAM, num_envs=5, first_slot=0, seed=3, **experiment):
-    from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots
+    from safe_inspect.experiments.sampling.rollout import agent_slots
+    from safe_inspect.experiments.sampling.sampler import Sampler
 
     environment = DummyTeam({"team": team, **experiment}, num_envs, seed, first_slot)
     sizes = {policy: entry["size"] for entry in team for policy in entry["policies"]}

@@ -68,7 +68,7 @@ def test_runners_share_the_slots_of_one(team: Any) -> None:
 
 
 def test_a_runner_knows_its_spaces_and_tells_the_callbacks(monkeypatch: pytest.MonkeyPatch) -> None:
-    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
+    from safe_inspect.experiments.sampling.env_runners import RunCallbacks
 
     told: list[Any] = []
     monkeypatch.setattr(RunCallbacks, "on_environment_created", lambda self, **given: told.append(given))

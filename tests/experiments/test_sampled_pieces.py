@@ -17,10 +17,15 @@ from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.learning.ppo_batch import batches_of
 from safe_inspect.experiments.sampling import env_runners
-from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
-from safe_inspect.experiments.sampling.rollout import DecisionRollout, DecisionTrack, Rollout
-from safe_inspect.experiments.sampling.sampler import AgentSlot
-from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
+from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
+from safe_inspect.experiments.sampling.rollout import (
+    AgentSlot,
+    DecisionRollout,
+    DecisionTrack,
+    Rollout,
+    multi_agent_episodes,
+    single_agent_episodes,
+)
 
 pytestmark = pytest.mark.ray
 

@@ -10,7 +10,7 @@ from algorithms import build, parts_of, targets
 from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray
@@ -240,7 +240,7 @@ def test_a_piece_of_several_agents_can_be_sliced(algorithm):
 
 
 def test_a_row_of_a_net_does_not_depend_on_the_others(algorithm):
-    from safe_inspect.experiments.sampling.policy_net import PolicyNet
+    from safe_inspect.experiments.modules.tanh_net import PolicyNet
 
     algo = algorithm({}, model_config={"fcnet_hiddens": [256, 256]})
     module = algo.env_runner.module

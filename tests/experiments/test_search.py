@@ -15,7 +15,7 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.files.checkpoints import Checkpoint, find_newest, seal_checkpoint
 from safe_inspect.experiments.files.run_folder import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
-from safe_inspect.experiments.runs.training_run import read_settings
+from safe_inspect.experiments.runs.train import read_settings
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
 from safe_inspect.experiments.settings.search import sample_seed
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib
@@ -97,7 +97,7 @@ def test_tune_finds_each_trial_once():
 
     from safe_inspect.experiments.learning.algorithm import build_config
     from safe_inspect.experiments.runs.tune_objects import search_space
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     experiment = searching(lr=LR, sgd_minibatch_size=BATCHES)
     settings = settings_of(experiment)
@@ -123,7 +123,7 @@ def test_tune_resolves_nothing_in_the_configuration_of_a_single_run():
     from ray.tune.search.variant_generator import generate_variants
 
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     tree = {"config": {"lr": LR, "code": {"eval": "1 / 0"}}}
     found = translate_rllib({})

@@ -14,7 +14,7 @@ from random_checkpoint import TEAM, experiment_of, make_module, save_run, single
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.outputs import MARKER
 
 pytest.importorskip("onnx")
@@ -129,8 +129,7 @@ def test_a_card_of_a_team_has_a_table_for_each_agent():
         **EVALUATION,
         "agents": {"blue0": {"success": SUCCESS, "figures": {"return": {**ESTIMATE, "unit": "-"}}}},
     }
-    facts = CardData("team", "t", "c", {}, "m", "d", {}, [], {}, {"Three": content})
-    card = model_card(facts)
+    card = model_card(CardData("team", "t", "c", "m", {"Three": content}), {}, [])
     assert "blue0: success 99.5 %" in card
     assert "| return | 0.512 |" in card
     assert "| seed | unknown |" in card

@@ -17,8 +17,7 @@ from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoi
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.runs import train as module
 from safe_inspect.experiments.runs import tune_run
-from safe_inspect.experiments.runs.train import TrainingResult, train
-from safe_inspect.experiments.runs.training_run import TrainingRun
+from safe_inspect.experiments.runs.train import TrainingResult, TrainingRun, train
 
 pytestmark = pytest.mark.ray
 

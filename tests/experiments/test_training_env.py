@@ -10,8 +10,7 @@ import pytest
 from dummy_environment import TEAM, DummyTeam
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.experiments.sampling.environment import first_slot, stream_seed
-from safe_inspect.experiments.sampling.stock_envs import TrainingEnv
+from safe_inspect.experiments.sampling.environment import TrainingEnv, first_slot, stream_seed
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):

@@ -13,7 +13,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.keys import rllib_release
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.training_run import read_settings
+from safe_inspect.experiments.runs.train import read_settings
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
 #: As files for RLlib's old API stack write it.
@@ -275,7 +275,7 @@ def test_ray_is_the_runs_own_unless_asked():
 
 def test_checking_does_not_load_ray_or_torch():
     code = (
-        "import sys; from safe_inspect.experiments.runs.training_run import read_settings; read_settings({}, {}, {});"
+        "import sys; from safe_inspect.experiments.runs.train import read_settings; read_settings({}, {}, {});"
         "print(sorted({name.partition('.')[0] for name in sys.modules} & {'ray', 'torch', 'tensorboardX', 'pandas'}))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

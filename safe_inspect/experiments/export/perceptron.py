@@ -14,11 +14,9 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
-from safe_inspect.experiments.export.net_layers import NO_SPREAD, NetLayers
-from safe_inspect.experiments.export.onnx_graph import require_onnx
+from safe_inspect.experiments.export.onnx_graph import NO_SPREAD, NetLayers, require_onnx
 from safe_inspect.experiments.modules.saved_policy import BestChoices
-from safe_inspect.experiments.settings.policies import SINGLE
-from safe_inspect.experiments.settings.policy_info import policy_info
+from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 
 
 def export_perceptron(

@@ -12,7 +12,7 @@ from ray.rllib.core import DEFAULT_MODULE_ID, Columns
 from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.experiments.learning.ppo_kernels import advantages_of
-from safe_inspect.experiments.sampling.fragments import DECISION_STEPS
+from safe_inspect.experiments.sampling.rollout import DECISION_STEPS
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Smallest standard deviation by which advantages are divided, as in RLlib.

@@ -29,15 +29,18 @@ from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.shipped import shipped_policies
 from safe_inspect.experiments.files.checkpoints import policy_folder
 from safe_inspect.experiments.files.weights import INFO, Weights, read_weights, starting_weights
-from safe_inspect.experiments.modules.distributions import COASTS, HURDLE, HurdleCatalog, TorchHurdle
 from safe_inspect.experiments.modules.saved_policy import (
     CHOICES,
+    COASTS,
     DQN_MODEL_KEYS,
+    HURDLE,
     TWIN_Q,
     AppoPolicy,
     DqnPolicy,
+    HurdleCatalog,
     SacPolicy,
     SavedPolicy,
+    TorchHurdle,
     choices_of,
     load_arrays,
 )

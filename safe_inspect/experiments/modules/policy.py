@@ -19,8 +19,8 @@ from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.experiments.files.checkpoints import policy_folder
 from safe_inspect.experiments.files.weights import info_of, read_weights
-from safe_inspect.experiments.modules.distributions import distribution_of_module
 from safe_inspect.experiments.modules.fresh_policy import build_module
+from safe_inspect.experiments.modules.saved_policy import distribution_of_module
 from safe_inspect.random.action_draws import Categorical, draw_in_rollout
 from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
 from safe_inspect.types import AnyArray, BoolArray, FloatArray

@@ -17,8 +17,8 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.tune.schedulers import TrialScheduler
 from ray.tune.search import Searcher
 
+from safe_inspect.experiments.settings.key_tables import DRAWN, GRID
 from safe_inspect.experiments.settings.objects import built_as, mistake
-from safe_inspect.experiments.settings.values import DRAWN, GRID
 
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"

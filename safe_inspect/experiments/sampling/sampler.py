@@ -1,60 +1,82 @@
-"""`Sampler`: sampling of N environments with all their agents into arrays, without RLlib's episodes."""
+"""`Sampler`: sampling of N environments with all their agents into arrays, without RLlib's episodes.
+
+`DecisionSampler` is for decisions that last several steps, and `episode_reports` gives the values of ended episodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.accumulator import INFO, OWN, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
-from safe_inspect.experiments.sampling.policy_net import PolicyNet
-from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
+from safe_inspect.experiments.sampling.rollout import AgentSlot, DecisionRollout, Rollout
 from safe_inspect.random.action_draws import Distribution, DrawRows
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
-#: Indices of some environments of a batch.
-Rows = IntArray | slice
+#: Values of an episode by name; a path such as ``agents/blue0/delta_v`` denotes nested names.
+EpisodeReport = dict[str, float]
 
 
-@dataclass(frozen=True)
-class AgentSlot:
-    """A controlled agent.
+def episode_reports(
+    environment: TeamEnvironment,
+    sums: EpisodeAccumulator,
+    rows: Sequence[int] | IntArray,
+    transition: TeamTransition,
+) -> list[EpisodeReport]:
+    """Return the reports of the episodes of some rows; must be called before these rows are reset.
 
-    Attributes:
-        agent: Its name.
-        policy: Name of its policy.
-        group: Index of its group among the controlled groups.
-        member: Its index in the group.
-        deputy: Its index among all agents.
-    """
-
-    agent: str
-    policy: str
-    group: int
-    member: int
-    deputy: int
-
-
-def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[AgentSlot, ...]:
-    """Return the controlled agents, in order.
+    ``return`` and ``reward/NAME`` are sums over the controlled agents, ``delta_v`` and ``interventions`` are means over
+    the deputies. With several agents ``agents/NAME/...`` contains the same values for each agent.
 
     Args:
         environment: The environments.
-        policy_of: Function from an agent to its policy; by default the policies of the environments are used.
+        sums: The accumulated values of their episodes.
+        rows: The rows whose episodes have ended.
+        transition: The last step.
     """
-    return tuple(
-        AgentSlot(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
-        for index, group in enumerate(environment.acting)
-        for member, agent in enumerate(group.agents)
-    )
+    rows = np.asarray(rows, dtype=np.int64)
+    state, outcome = environment.state, transition.outcome[rows]
+    acting = [group.first + member for group in environment.acting for member in range(group.size)]
+    columns: dict[str, AnyArray] = {
+        "return": sums.returns[rows][:, acting].sum(axis=1),
+        "length": sums.lengths[rows].max(axis=1),
+        "success_rate": outcome == DoneStatus.WIN,
+        "lost_rate": outcome == DoneStatus.LOSE,
+        "delta_v": state.delta_v[rows].mean(axis=1),
+    }
+    columns |= sums.info(rows)
+    if sums.filtered:
+        columns["interventions"] = state.interventions[rows].mean(axis=1)
+    columns |= sums.terms(rows)
+    if sums.returns.shape[1] > 1:
+        for agent, figures in sums.agents(rows).items():
+            columns |= {f"agents/{agent}/{name}": value for name, value in _of_agent(figures).items()}
+    values = zip(*(column.astype(np.float64).tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in values]
+
+
+def _of_agent(figures: dict[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return the values of an agent by the names under which the training logs them."""
+    columns: dict[str, AnyArray] = {}
+    for name, value in figures.items():
+        if name == "status":
+            columns |= {"success": value == DoneStatus.WIN, "lost": value == DoneStatus.LOSE}
+        else:
+            columns[name.removeprefix(INFO).removeprefix(OWN)] = value
+    return columns
+
+
+#: Indices of some environments of a batch.
+Rows = IntArray | slice
 
 
 class Sampler:
@@ -251,9 +273,118 @@ class Sampler:
         return kept
 
 
-def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Return the names of the agents of each policy."""
-    found: dict[str, tuple[str, ...]] = {}
-    for slot in slots:
-        found[slot.policy] = (*found.get(slot.policy, ()), slot.agent)
-    return found
+_ROOM = 32  # decisions of each agent for which a rollout has room at first
+
+
+class DecisionSampler(Sampler):
+    """Sampler that steps all environments at every control step and stores decisions: a semi-Markov process.
+
+    The reward of a decision of k control steps is sum gamma^i r_i over them. The agents decide at different times. A
+    decision that has not elapsed when a call ends is stored by the next call, once it has elapsed.
+
+    Args:
+        environment: See `Sampler`.
+        slots: See `Sampler`.
+        nets: See `Sampler`.
+        gamma: Discount of a control step.
+        seed: See `Sampler`.
+        first_slot: See `Sampler`.
+    """
+
+    def __init__(
+        self,
+        environment: TeamEnvironment,
+        slots: tuple[AgentSlot, ...],
+        nets: Callable[[str, int], PolicyNet],
+        *,
+        gamma: float,
+        seed: int,
+        first_slot: int,
+    ) -> None:
+        super().__init__(environment, slots, nets, seed=seed, first_slot=first_slot)
+        environment.observes_coasting = False
+        self._gamma = gamma
+        self._make_net = nets
+        self._sized: dict[tuple[str, int], PolicyNet] = {}
+        shape = (len(slots), environment.num_envs)
+        self._rewards, self._discounts = np.zeros(shape), np.ones(shape)
+        self._elapsed: IntArray = np.zeros(shape, dtype=np.int64)
+        self._decisions: IntArray = np.zeros(shape, dtype=np.int64)
+        self._pending: list[dict[str, AnyArray]] = []
+
+    def reset(self) -> None:
+        """Start a new episode in every environment."""
+        super().reset()
+        self._pending = []
+        self._decisions[:] = 0
+
+    def roll(self, steps: int, explore: bool = True) -> Any:
+        """Take a number of control steps in every environment; see `Sampler.roll`."""
+        rollout: Any = super().roll(steps, explore)
+        self._pending = [track.pending() for track in rollout.tracks]
+        return rollout
+
+    def _rollout(self, steps: int, wanted: IntArray | None = None) -> DecisionRollout:
+        rollout = DecisionRollout(self._sizes, _ROOM, self._step.copy(), self._flying.copy(), wanted)
+        for track, pending in zip(rollout.tracks, self._pending, strict=False):
+            track.resume(pending)
+        return rollout
+
+    def _advance(self, rollout: DecisionRollout, time: int, explore: bool) -> None:
+        starting = self._starting()
+        self._decisions += starting
+        self._rewards[starting], self._discounts[starting], self._elapsed[starting] = 0.0, 1.0, 0
+        super()._advance(rollout, time, explore)
+
+    def _starting(self) -> BoolArray:
+        """Return a mask of the agents that decide now, shape (K, N)."""
+        return np.concatenate([due.T for due in self.environment.due()]) & self._flying
+
+    def _observe(self, rollout: DecisionRollout, time: int) -> Sequence[Rows]:
+        starting = self._starting()
+        for track, observation, agents in zip(rollout.tracks, self._observations, self._members, strict=True):
+            _write(track.observations, starting[agents], track.counts, observation.transpose(1, 0, 2))
+        return [np.flatnonzero(own) for own in starting]
+
+    def _store(self, rollout: DecisionRollout, group: int, time: int, found: Transition) -> None:
+        """Store the decisions of a group that end with this step."""
+        track, agents = rollout.tracks[group], self._members[group]
+        self._rewards[agents] += self._discounts[agents] * found.reward.T
+        self._discounts[agents] *= self._gamma
+        self._elapsed[agents] += 1
+        ended = (found.terminated | found.truncated).T
+        closes = self._flying[agents] & (self.environment.due()[group].T | ended)
+        _write(track.rewards, closes, track.counts, self._rewards[agents])
+        _write(track.steps, closes, track.counts, self._elapsed[agents])
+        track.counts += closes
+        _write(track.observations, ended, track.counts, found.observation.transpose(1, 0, 2))
+        self._flying[agents] &= ~ended
+
+    def _net_for(self, policy: str, rows: int) -> PolicyNet:
+        """Return a policy's net for at least `rows` rows; its size is the next power of two."""
+        size = LEAST_ROWS
+        while size < rows:
+            size *= 2
+        if (policy, size) not in self._sized:
+            self._sized[policy, size] = self._make_net(policy, size)
+        return self._sized[policy, size]
+
+    def _time_of(self, track: Any, member: int, rows: Rows, time: int) -> IntArray:
+        counts: IntArray = track.counts[member, rows]
+        return counts
+
+    def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
+        rows = np.flatnonzero(transition.over)
+        decisions = self._decisions[:, rows].mean(axis=0)
+        before = len(self.reports)
+        kept = super()._begin_again(rollout, time, transition)
+        for report, mean in zip(self.reports[before:], decisions[np.isin(rows, kept)].tolist(), strict=True):
+            report["decisions"] = mean
+        self._decisions[:, rows] = 0
+        return kept
+
+
+def _write(target: AnyArray, mask: BoolArray, index: IntArray, values: AnyArray) -> None:
+    """Write target[g, n, index[g, n]] = values[g, n] where a mask of shape (G, N) is true."""
+    agents, rows = np.nonzero(mask)
+    target[agents, rows, index[agents, rows]] = values[agents, rows]

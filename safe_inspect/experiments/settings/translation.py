@@ -15,8 +15,16 @@ from safe_inspect.config.keys.other_words import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.config.keys.rllib_release import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
-from safe_inspect.experiments.settings.values import EVAL, check_value, is_searched, named_values, resolved_by_tune
+from safe_inspect.experiments.settings.key_tables import (
+    EVAL,
+    KeyTables,
+    TranslatedSettings,
+    check_value,
+    is_searched,
+    named_values,
+    resolved_by_tune,
+    translate_keys,
+)
 
 _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
