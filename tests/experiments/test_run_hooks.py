@@ -57,9 +57,6 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         def show(self, flat: Any) -> None:
             found.append(("show", flat["training_iteration"]))
 
-        def close(self) -> None:
-            found.append("close line")
-
     monkeypatch.setattr(tune_run, "TrainingLog", Log)
     monkeypatch.setattr(tune_run, "TrainingProgress", Lines)
     monkeypatch.setattr(tune_run, "seal_checkpoint", lambda sealed: found.append(sealed))
@@ -95,7 +92,7 @@ def test_a_single_training_is_logged_in_the_folder_of_the_run(tmp_path: Path, ca
     monitor.on_checkpoint(0, [], trial_of("trial", {}), SimpleNamespace(path=tmp_path / "c"))
     assert called[-1] == Checkpoint(tmp_path / "c", 0, 0, 0.0, "digest")
     monitor.close()
-    assert called[-2:] == [("close log", "run"), "close line"]
+    assert called[-1] == ("close log", "run")
     fresh = monitor_of(tmp_path)
     fresh.on_trial_result(0, [], trial_of("trial"), result(1))
     assert called[-4] == ("log", tmp_path / "run", 0, 0)
@@ -134,7 +131,6 @@ def test_a_training_ends_at_the_first_of_its_limits(tmp_path: Path, called: list
     assert not monitor("trial", result(1, env_runners={"return": 4.9}))
     monitor.on_trial_result(0, [], trial_of("trial"), result(1))
     monitor.interrupt(signal.SIGINT)
-    assert called[-1] == "close line"
     assert monitor("trial", result(1))
 
 

@@ -1,4 +1,4 @@
-"""Progress of a training: one line for each iteration, a progress bar on a terminal, and the files of the run.
+"""Progress of a training: one line for each iteration, and the files of the run.
 
 A resumed run continues these files (progress.csv, result.json and the TensorBoard log): the entries that an earlier
 attempt logged after the checkpoint from which the run continues are removed. (Tune's own logs start again with each
@@ -139,15 +139,9 @@ class Messages:
         with suppress(OSError, RuntimeError):
             self._stream.flush()
 
-    def isatty(self) -> bool:
-        """Return whether the stream is a terminal."""
-        return self._stream.isatty()
-
 
 class Heartbeat:
     """Printer of status lines while a training prints nothing else: when it compiles, and every half minute.
-
-    On a terminal it prints nothing once there is a progress bar.
 
     Args:
         stream: The stream to print to.
@@ -180,8 +174,6 @@ class Heartbeat:
 
     def beat(self) -> None:
         """Print a status line if one is due."""
-        if self._iterated and self._stream.isatty():
-            return
         now, compiles = time.monotonic(), not self._iterated and self._note.exists()
         self._seen = self._seen + 1 if compiles else 0  # short compilations are not reported
         what = "the next iteration" if self._iterated else "the first iteration"
@@ -205,7 +197,7 @@ class TrainingProgress:
 
     Args:
         stop: Limits at which the training ends, by RLlib's names.
-        stream: The stream to print to; on a terminal a progress bar is added.
+        stream: The stream to print to.
         label: Printed before each line, to distinguish trials.
     """
 
@@ -221,19 +213,12 @@ class TrainingProgress:
         self._stop = dict(stop)
         self._stream = stream
         self._label = f"{label}  " if label else ""
-        self._terminal = stream.isatty()
         self._recent: deque[dict[str, float]] = deque(maxlen=11)
-        self._bar = False
 
     def show(self, flat: Mapping[str, float]) -> None:
         """Print the line of an iteration."""
         self._recent.append({key: flat.get(key, 0.0) for key in self._TIMED})
-        self.close()
-        print(self.line(flat), file=self._stream)
-        if self._terminal:
-            self._stream.write(self.bar(flat))
-            self._bar = True
-        self._stream.flush()
+        print(self.line(flat), file=self._stream, flush=True)
 
     def line(self, flat: Mapping[str, float]) -> str:
         """Return the line of an iteration."""
@@ -254,19 +239,6 @@ class TrainingProgress:
             )
         )
         return f"{line}\n{_of_agents(flat, agents)}" if agents else line
-
-    def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
-        """Return the progress bar, which shows the fraction of the time to the nearest limit."""
-        left, passed = self._left(flat), flat.get("time_total_s", 0.0) - flat.get(COMPILING, 0.0)
-        share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
-        full = round(width * share)
-        return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock_text(left)}"
-
-    def close(self) -> None:
-        """Remove the progress bar."""
-        if self._bar:
-            self._stream.write("\r\x1b[K")
-            self._bar = False
 
     def _rate(self, key: str) -> float:
         """Return the increase per second over the last ten iterations, excluding the time spent compiling."""

@@ -148,8 +148,6 @@ class Monitor(tune.Callback, tune.Stopper):
                 raise Interrupted(number)
             return
         self.interrupted = True
-        for line in self._lines.values():
-            line.close()
         print(
             "stopping after this iteration, with a checkpoint; interrupt again to stop immediately",
             file=self.stream,
@@ -160,8 +158,6 @@ class Monitor(tune.Callback, tune.Stopper):
         """Close the logs."""
         for log in self._logs.values():
             log.close()
-        for line in self._lines.values():
-            line.close()
 
 
 def _present_monitor() -> Monitor | None:
