@@ -110,8 +110,8 @@ def test_other_policies_than_the_checkpoints_are_refused(trained):
     }
     with pytest.raises(CheckpointError) as caught:
         train(TrainingRun(**fields))
-    assert "the run's checkpoints have the policies shared (red, blue), own (green)" in str(caught.value)
-    assert "this experiment has shared (red, blue, green)" in str(caught.value)
+    assert "policies.own: {" in str(caught.value)
+    assert 'policies.shared.agents: ["red", "blue"] in the run, ["red", "blue", "green"] now' in str(caught.value)
 
 
 @pytest.mark.slow

@@ -73,14 +73,6 @@ def digest(configuration: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def policy_agents(configuration: Mapping[str, Any]) -> str:
-    """Return the names of the policies of a configuration with those of their agents, as text."""
-    policies = configuration.get("policies") or {}
-    if not policies:
-        return "default_policy (one agent)"
-    return ", ".join(f"{name} ({', '.join(policy['agents'])})" for name, policy in policies.items())
-
-
 def changed_values(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield the paths at which two configurations differ, with both values."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
@@ -255,12 +247,6 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     record = read_run_record(folder)
     if record["digest"] == digest(configuration):
         return
-    theirs, ours = (policy_agents(item) for item in (record["configuration"], configuration))
-    if theirs != ours:
-        raise CheckpointError(
-            f"{folder.path}: the run's checkpoints have the policies {theirs}; this experiment has {ours}\n"
-            "resume it without --cfg and overrides, or start a new run"
-        )
     found = [
         f"  {path}: {short_text(old)} in the run, {short_text(new)} now"
         for path, old, new in changed_values(record["configuration"], configuration)
