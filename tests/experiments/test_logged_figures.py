@@ -239,19 +239,19 @@ def test_the_environments_of_a_stock_runner_get_their_slots(evaluation: bool) ->
     from safe_inspect.experiments.sampling.env_runners import RunCallbacks
 
     placed: list[Any] = []
-    single: Any = SimpleNamespace(place=lambda *given: placed.append(given), report=lambda: {"return": 1.0, "x": 4.0})
+    single: Any = SimpleNamespace(place=lambda *given: placed.append(given), reports={0: {"return": 1.0, "x": 4.0}})
     env: Any = SimpleNamespace(envs=[SimpleNamespace(unwrapped=single)] * 2)
     config = SimpleNamespace(in_evaluation=evaluation, **vars(config_of(5)))
     runner: Any = SimpleNamespace(worker_index=3, config=config)
     RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
-    assert placed == [(3, 2, 0, evaluation), (3, 2, 1, evaluation)]
+    assert placed == [(4, evaluation), (5, evaluation)]
     runner.worker_index = None
     RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
-    assert placed[2:] == [(0, 2, 0, evaluation), (0, 2, 1, evaluation)]
+    assert placed[2:] == [(0, evaluation), (1, evaluation)]
     logger: Any = Logger()
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env, env_index=1)
     assert logger.logged == {("x",): (4.0, {"reduce": "mean", "window": 5})}
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=None, env=env)
-    single.report = lambda: None
+    single.reports = {}
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env)
     assert len(logger.logged) == 1

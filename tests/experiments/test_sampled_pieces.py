@@ -328,24 +328,24 @@ def test_an_agent_that_ends_is_named_and_a_whole_truncation_is_not() -> None:
     assert [one.tolist() for one in steps.actions[0]] == [[[[1, 2, 3], [4, 5, 6]]], [[[7, 8, 9]]]]
     assert {agent: len(one) for agent, one in observations.items()} == {"red": 11, "blue": 11, "green": 7}
     assert rewards == {"red": 1.0, "blue": 2.0, "green": 3.0}
-    assert infos["green"] == {"reward/near": 1.5}
+    assert infos == {"red": {}, "blue": {}, "green": {}}
     nobody = {"red": False, "blue": False, "green": False, "__all__": False}
     assert (terminated, truncated) == (nobody, {**nobody, "blue": True})
-    assert (env.agents, env.report()) == (["red", "green"], None)
+    assert (env.agents, env.reports) == (["red", "green"], {})
     steps.ends, steps.over = {"red": (True, False), "green": (False, True)}, True
     observations, rewards, terminated, truncated, _ = env.step({**actions, "blue": "ignored"})
     assert steps.actions[1][0].tolist() == [[[1, 2, 3], [0, 0, 0]]]
     assert set(observations) == set(rewards) == {"red", "green"}
     assert terminated == {"red": True, "green": False, "__all__": False}
     assert truncated == {"red": False, "__all__": True}
-    assert env.report()["return"] == 12.0
+    assert env.reports[0]["return"] == 12.0
     env.reset()
     assert env.agents == ["red", "blue", "green"]
     steps.ends = dict.fromkeys(actions, (True, False))
     *_, terminated, truncated, _ = env.step(actions)
     assert terminated == {"red": True, "blue": True, "green": True, "__all__": True}
     assert truncated == nobody
-    assert env.report()["return"] == 6.0
+    assert env.reports[0]["return"] == 6.0
 
 
 @pytest.mark.parametrize("flat", [True, False])
@@ -370,24 +370,22 @@ def test_a_flat_action_is_a_combination_of_levels(flat: bool) -> None:
 
 
 def test_the_place_and_the_seeds_of_one_environment() -> None:
-    env = team_env(seeded_by_reset=True)
+    env = team_env()
     assert env.agents == env.possible_agents == ["red", "blue", "green"]
     assert {agent: space.shape for agent, space in env.observation_spaces.items()} == {
         "red": (11,), "blue": (11,), "green": (7,),
     }  # fmt: skip
-    assert env.report() is None
+    assert env.reports == {}
     team, seeds = env.team, list[Any]()
-    env.place(0, 4, 0, False)
+    env.place(0, False)
     assert env.team is team
-    env.place(3, 4, 1, True)
+    env.place(9, True)
     assert env.team is not team
     assert env.team.slots.tolist() == [9]
     reset = env.team.reset
-    env.team.reset = lambda *, seed: seeds.append(seed) or reset(seed=seed)
+    env.team.reset = lambda seed=None: seeds.append(seed) or reset(seed=seed)
     env.reset(seed=5)
-    env._config["seeded_by_reset"] = False
-    env.reset(seed=5)
-    assert seeds == [5, None]
+    assert seeds == [None]  # RLlib's seed is not used
 
 
 @pytest.mark.parametrize("kind", [TeamMultiAgentEnv, lambda config: TrainingEnv(config, 2)], ids=["team", "one"])
@@ -411,7 +409,6 @@ def test_an_environment_that_has_ended_takes_no_action_and_begins_again() -> Non
         assert (rewards[ended] == 0.0).all()
         assert not (terminated | truncated)[ended].any()
         assert set(env.reports) == set(np.flatnonzero(terminated | truncated))
-        assert all(env.report(index) is env.reports.get(index) for index in range(3))
         again += int(ended.sum())
         ended = terminated | truncated
     assert again > 5

@@ -30,7 +30,7 @@ def test_seeds_of_attempts_and_of_the_evaluation_differ():
 
 def test_a_placed_runner_has_its_slots():
     whole, second = build(8), build(4)
-    second.place(worker_index=2, evaluation=False)
+    second.place(first_slot(2, second.num_envs), evaluation=False)
     everything, _ = whole.reset(seed=99)
     part, _ = second.reset()
     np.testing.assert_array_equal(part, everything[4:])

@@ -24,7 +24,7 @@ from ray.rllib.utils import metrics as names
 
 from safe_inspect.compiling import compiling_seconds
 from safe_inspect.config.keys.run_keys import COMPILING
-from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.facades.by_agent import AgentsByName
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.experiments.modules.tanh_net import PolicyNet
 from safe_inspect.experiments.sampling.environment import Reported, TrainingEnv, build_team, first_slot, seed_of
@@ -71,9 +71,9 @@ class RunCallbacks(RLlibCallback):
         set_threads(env_context)
         index, evaluation = env_runner.worker_index or 0, bool(env_runner.config.in_evaluation)
         if isinstance(env, TrainingEnv):
-            env.place(index, evaluation)
+            env.place(first_slot(index, env.num_envs), evaluation)
         for place, single in enumerate(getattr(env, "envs", ())):
-            single.unwrapped.place(index, len(env.envs), place, evaluation)
+            single.unwrapped.place(first_slot(index, len(env.envs)) + place, evaluation)
 
     def on_episode_end(
         self,
@@ -87,7 +87,7 @@ class RunCallbacks(RLlibCallback):
     ) -> None:
         """Log the report of an episode that has ended in an environment of a stock runner."""
         one = isinstance(env, TrainingEnv)
-        report = env.report(env_index) if one else env.envs[env_index].unwrapped.report()
+        report = env.reports.get(env_index) if one else env.envs[env_index].unwrapped.reports.get(0)
         if report is not None and metrics_logger is not None:
             log_reports(metrics_logger, env_runner.config, [report])
 
@@ -196,22 +196,17 @@ class TeamSpaces:
 
     Args:
         team: The environments.
-        slots: Its controlled agents.
         several: Whether RLlib handles several agents.
     """
 
-    def __init__(self, team: TeamEnvironment, slots: tuple[AgentSlot, ...], several: bool) -> None:
+    def __init__(self, team: TeamEnvironment, several: bool) -> None:
         self.team = team
         self.num_envs = team.num_envs
-        groups = [team.acting[slot.group] for slot in slots]
-        self.by_agent = {
-            slot.agent: (box(group.observation_layout), action_space(group.action_layout))
-            for slot, group in zip(slots, groups, strict=True)
-        }
-        observation, action = (
-            gym_spaces.Dict({agent: pair[index] for agent, pair in self.by_agent.items()}) for index in (0, 1)
-        )
-        only = slots[0].agent
+        controlled = AgentsByName(team)
+        observation = gym_spaces.Dict({**controlled.observation_spaces})
+        action = gym_spaces.Dict({**controlled.action_spaces})
+        self.by_agent = {agent: (observation[agent], action[agent]) for agent in controlled.places}
+        only = next(iter(self.by_agent))
         self.single_observation_space = self.observation_space = observation if several else observation[only]
         self.single_action_space = self.action_space = action if several else action[only]
 
@@ -246,7 +241,7 @@ class _Batched:
         slot = first_slot(self.worker_index or 0, count)
         team = build_team(config, count, slot, evaluation)
         self.agent_slots = agent_slots(team, self._policy_of)
-        self.env = TeamSpaces(team, self.agent_slots, self.several)
+        self.env = TeamSpaces(team, self.several)
         self.num_envs = count
         self._slot, self._seed_of_slots = slot, seed_of(config, evaluation)
         self._sampler = None

@@ -112,7 +112,7 @@ class Sampler:
         for index, slot in enumerate(slots):
             self._slots_by_policy.setdefault(slot.policy, []).append(index)
         self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
-        self._where = [environment.groups.index(group) for group in environment.acting]
+        self._where = environment.acting_indices
         ends = accumulate(group.size for group in environment.acting)
         self._members = [slice(end - group.size, end) for end, group in zip(ends, environment.acting, strict=True)]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
