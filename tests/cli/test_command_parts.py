@@ -234,7 +234,7 @@ def test_what_an_export_writes_and_says(
         return SimpleNamespace(path=target, info=info, difference=difference, flown=1000)
 
     monkeypatch.setattr(export, "newest_checkpoint", lambda path: Path("c"))
-    monkeypatch.setattr(work, "policies_in", lambda checkpoint: names)
+    monkeypatch.setattr(export, "policy_names", lambda checkpoint: names)
     monkeypatch.setattr(work, "export_policy", write)
     code, out, err = typed("export", "run", *words)
     if asked is None:

@@ -251,7 +251,6 @@ def test_the_environments_of_a_stock_runner_get_their_slots(evaluation: bool) ->
     logger: Any = Logger()
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env, env_index=1)
     assert logger.logged == {("x",): (4.0, {"reduce": "mean", "window": 5})}
-    RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=None, env=env)
     single.reports = {}
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env)
     assert len(logger.logged) == 1

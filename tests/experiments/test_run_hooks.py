@@ -241,9 +241,9 @@ def test_the_best_trial_is_that_by_which_trials_are_ranked() -> None:
 
     results = SimpleNamespace(get_best_result=best)
     assert tune_run._best_trial(results, {"metric": "x", "mode": "min"}) == Path("here")
-    assert tune_run._best_trial(results, {}) == Path("here")
-    assert tune_run._best_trial(results, {"metric": "unknown"}) is None
-    assert asked[:2] == [("x", "min"), ("env_runners/episode_return_mean", "max")]
+    assert tune_run._best_trial(results, {"metric": "y", "mode": "max"}) == Path("here")
+    assert tune_run._best_trial(results, {"metric": "unknown", "mode": "max"}) is None
+    assert asked[:2] == [("x", "min"), ("y", "max")]
 
 
 class Board:

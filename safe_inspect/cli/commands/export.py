@@ -10,7 +10,7 @@ from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.files.checkpoints import newest_checkpoint
+from safe_inspect.experiments.files.checkpoints import newest_checkpoint, policy_names
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
 
@@ -39,9 +39,9 @@ def run_export(arguments: argparse.Namespace) -> int:
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
         raise CheckpointError(f"{arguments.checkpoint} is already shipped as ONNX; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
-    from safe_inspect.experiments.export.export import export_policy, policies_in  # loads Ray and Torch
+    from safe_inspect.experiments.export.export import export_policy  # loads Ray and Torch
 
-    names = policies_in(checkpoint)
+    names = policy_names(checkpoint)
     policy = arguments.policy
     if policy is None:
         if len(names) > 1:

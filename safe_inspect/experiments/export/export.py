@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from ray.rllib.core.columns import Columns
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
@@ -26,8 +25,8 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.evaluation.raw_values import element_columns
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.export.onnx_graph import NetLayers, build_file, layers_of, require_onnx
-from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, policy_names, read_checkpoint
+from safe_inspect.experiments.export.onnx_graph import build_file, layers_of, require_onnx, state_of
+from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
@@ -77,7 +76,7 @@ def compare_readings(policy: OnnxPolicy, module: Any, readings: AnyArray) -> Exp
         readings: Observations in SI units, float32, shape (T, R, O) for T steps of R rows.
     """
     steps = readings if policy.recurrent else readings.reshape(1, -1, readings.shape[-1])
-    net = TrainedPolicy(module).inputs if policy.recurrent else partial(_inputs, module)
+    net = partial(_outputs, module) if isinstance(module, torch.nn.Sequential) else TrainedPolicy(module).inputs
     policy.reset()
     thrust, inputs = (np.concatenate(parts) for parts in zip(*map(policy.outputs, steps), strict=True))
     policy.reset()
@@ -96,11 +95,9 @@ def compare_readings(policy: OnnxPolicy, module: Any, readings: AnyArray) -> Exp
     )
 
 
-def _inputs(module: Any, observation: AnyArray) -> AnyArray:
-    """Return the inputs of the action distributions that a module without a state gives for rows of observations."""
+def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
     with torch.no_grad():
-        outputs = module.forward_inference({Columns.OBS: torch.from_numpy(observation)})
-    return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
+        return np.asarray(net(torch.from_numpy(observation)).numpy())
 
 
 def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, seed: int = 0) -> AnyArray:
@@ -240,14 +237,14 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
-        state=net.state,
+        state=state_of(net),
     )
     module = net if isinstance(loaded.module, SacPolicy | DqnPolicy) else loaded.module
     return write_policy(net, module, info, output, experiment.spec, agents[0], title)
 
 
 def write_policy(
-    net: NetLayers,
+    net: torch.nn.Sequential,
     module: Any,
     info: PolicyInfo,
     output: str | os.PathLike[str],
@@ -292,18 +289,6 @@ def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(task, dict) and Path(str(task.get("output_path") or "")).is_absolute():
         task["output_path"] = "output"
     return found
-
-
-def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
-    """Return the names of the policies of a checkpoint.
-
-    Raises:
-        CheckpointError: The checkpoint is missing or damaged, or contains no policy.
-    """
-    names = policy_names(checkpoint)
-    if not names:
-        raise CheckpointError(f"{checkpoint}: the checkpoint contains no policy")
-    return names
 
 
 def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:

@@ -6,14 +6,12 @@ supports, and the file does not depend on an exporter. Importing this module loa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
-from ray.rllib.core.columns import Columns
 from ray.rllib.core.models.torch.encoder import TorchLSTMEncoder
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
@@ -34,42 +32,33 @@ STATE = ("state_h", "state_c")
 _GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
 
 
-@dataclass(frozen=True, eq=False)
-class NetLayers:
-    """The layers of a policy from the observation to the inputs of the action distribution: means or logits first.
+class Spread(torch.nn.Module):
+    """Layer that appends the logarithms of fixed standard deviations to means.
 
-    Attributes:
-        dense: Dense layers and activations, in order.
-        lstm: The LSTM after them; None for a policy without a state.
-        head: Further dense layers and activations.
-        log_std: Logarithms of the standard deviations, shape (A,); None if there are none, or the layers give them.
-        limit: Largest magnitude of the logarithms of standard deviations, the second half of the outputs of the layers;
-            None for no limit.
+    Args:
+        log_std: The logarithms, shape (A,).
     """
 
-    dense: torch.nn.Sequential
-    lstm: torch.nn.LSTM | None = None
-    head: Sequence[torch.nn.Module] = ()
-    log_std: torch.Tensor | None = None
-    limit: float | None = None
+    def __init__(self, log_std: torch.Tensor) -> None:
+        super().__init__()
+        self.log_std = log_std.detach()
 
-    @property
-    def state(self) -> dict[str, int]:
-        """The sizes of the inputs of `STATE`; empty for a policy without a state."""
-        return {} if self.lstm is None else dict.fromkeys(STATE, self.lstm.hidden_size)
-
-    def forward_inference(self, batch: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the inputs of the action distributions, as RLlib's modules do, for dense layers without a limit."""
-        value = self.dense(batch[Columns.OBS])
-        if self.log_std is not None:
-            value = torch.cat((value, self.log_std.detach().expand_as(value)), dim=1)
-        return {Columns.ACTION_DIST_INPUTS: value}
+    def forward(self, mean: torch.Tensor) -> torch.Tensor:
+        """Return means and logarithms, shape (R, 2 A)."""
+        return torch.cat((mean, self.log_std.expand_as(mean)), dim=1)
 
 
-def layers_of(module: Any, title: str) -> NetLayers:
-    """Return the layers of a policy of RLlib; of SAC the mode, tanh(mean), and of DQN the values of the choices.
+def state_of(net: torch.nn.Sequential) -> dict[str, int]:
+    """Return the sizes of the inputs of `STATE`; empty for a policy without a state."""
+    sizes = [layer.hidden_size for layer in net if isinstance(layer, torch.nn.LSTM)]
+    return dict.fromkeys(STATE, sizes[0]) if sizes else {}
 
-    The files cannot describe the squashed Gaussian from which SAC samples its actions.
+
+def layers_of(module: Any, title: str) -> torch.nn.Sequential:
+    """Return the layers of a policy of RLlib, from the observation to the inputs of its action distribution.
+
+    Of SAC the layers give the mode, tanh(mean), because the files cannot describe the squashed Gaussian from which SAC
+    samples its actions; of DQN the values of the choices.
 
     Raises:
         CheckpointError: It is not one of RLlib's own modules, or not a multilayer perceptron (and an LSTM).
@@ -94,19 +83,10 @@ def layers_of(module: Any, title: str) -> NetLayers:
             f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only "
             "these can be exported"
         )
-    return with_head(dense, lstm, module.pi)
+    return torch.nn.Sequential(*dense, *([] if lstm is None else [lstm]), module.pi)
 
 
-def with_head(dense: torch.nn.Sequential, lstm: torch.nn.LSTM | None, head: Any) -> NetLayers:
-    """Return layers that end with one of RLlib's heads."""
-    limit = float(head.log_std_clip_param_const) if head.clip_log_std else None
-    if not isinstance(head, TorchFreeLogStdMLPHead):
-        return NetLayers(dense, lstm, head.net.mlp, limit=limit)
-    log_std = head.log_std.detach()
-    return NetLayers(dense, lstm, head.net.mlp, log_std if limit is None else log_std.clamp(-limit, limit))
-
-
-def _mode_of_sac(module: SacPolicy, title: str) -> NetLayers:
+def _mode_of_sac(module: SacPolicy, title: str) -> torch.nn.Sequential:
     """Return the mode of RLlib's policy for SAC, tanh(mean).
 
     Raises:
@@ -119,11 +99,11 @@ def _mode_of_sac(module: SacPolicy, title: str) -> NetLayers:
     with torch.no_grad():
         mean.weight.copy_(last.weight[:size])
         mean.bias.copy_(last.bias[:size])
-    layers = torch.nn.Sequential(*list(encoder), *list(head)[:-1], mean, torch.nn.Tanh())
-    return NetLayers(layers.eval(), log_std=torch.full((size,), NO_SPREAD))
+    spread = Spread(torch.full((size,), NO_SPREAD))
+    return torch.nn.Sequential(*encoder, *list(head)[:-1], mean, torch.nn.Tanh(), spread).eval()
 
 
-def _best_of_dqn(module: DqnPolicy, title: str) -> NetLayers:
+def _best_of_dqn(module: DqnPolicy, title: str) -> torch.nn.Sequential:
     """Return the values of the choices of RLlib's policy for DQN, up to a constant that is common to all choices.
 
     With separate nets for value and advantage this constant is the value of the state minus the mean advantage.
@@ -136,7 +116,7 @@ def _best_of_dqn(module: DqnPolicy, title: str) -> NetLayers:
             f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without it"
         )
     layers = (*_layers(module.encoder, title), *_layers(module.af, title), BestChoices(module.choices))
-    return NetLayers(torch.nn.Sequential(*layers).eval())
+    return torch.nn.Sequential(*layers).eval()
 
 
 def _layers(part: Any, title: str) -> torch.nn.Sequential:
@@ -197,7 +177,7 @@ def require_onnx() -> Any:
     return onnx
 
 
-def build_file(net: NetLayers, info: PolicyInfo, title: str) -> bytes:
+def build_file(net: torch.nn.Sequential, info: PolicyInfo, title: str) -> bytes:
     """Return the bytes of the ONNX file of a policy, without its seal.
 
     Args:
@@ -212,7 +192,7 @@ def build_file(net: NetLayers, info: PolicyInfo, title: str) -> bytes:
     onnx = require_onnx()
     graph = _Graph(onnx, title)
     value = graph.normalised("observation", info)
-    inputs = graph.outputs(net, value)
+    inputs = graph.net(net, value)
     graph.node("Identity", [inputs], name="action_dist_inputs")
     numbers = [element for element in info.action if not element.levels]
     gates = info.distribution == "hurdle"
@@ -285,23 +265,23 @@ class _Graph:
             value = self._layer(layer, value)
         return value
 
-    def outputs(self, net: NetLayers, value: str) -> str:
-        """Add the layers of a policy, which give the inputs of the action distribution."""
-        value = self.net(net.dense, value)
-        if net.lstm is not None:
-            value = self.lstm(net.lstm, value)
-        value = self.net(net.head, value)
-        if net.log_std is not None:
-            log_std = self.constant(_array(net.log_std)[None, :], "log_std")
-            spread = self.node("Expand", [log_std, self.node("Shape", [value])])
-            return self.node("Concat", [value, spread], axis=1)
-        if net.limit is None:
+    def head(self, layer: Any, value: str) -> str:
+        """Add one of RLlib's heads, which may limit the logarithms of standard deviations."""
+        value, limit = self.net(layer.net.mlp, value), float(layer.log_std_clip_param_const)
+        if type(layer) is TorchFreeLogStdMLPHead:
+            log_std = layer.log_std.detach()
+            return self.spread(log_std.clamp(-limit, limit) if layer.clip_log_std else log_std, value)
+        if not layer.clip_log_std:
             return value
-        last: Any = net.head[-1]
-        width = int(last.out_features) // 2
-        bounds = [self.constant(-net.limit, "log_std_low"), self.constant(net.limit, "log_std_high")]
+        width = int(layer.net.mlp[-1].out_features) // 2
+        bounds = [self.constant(-limit, "log_std_low"), self.constant(limit, "log_std_high")]
         spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
         return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
+
+    def spread(self, log_std: torch.Tensor, value: str) -> str:
+        """Add the logarithms of fixed standard deviations after the means."""
+        row = self.constant(_array(log_std)[None, :], "log_std")
+        return self.node("Concat", [value, self.node("Expand", [row, self.node("Shape", [value])])], axis=1)
 
     def lstm(self, layer: torch.nn.LSTM, value: str) -> str:
         """Add one step of an LSTM from the inputs `STATE` to the outputs with the prefix `NEXT_STATE`.
@@ -357,6 +337,12 @@ class _Graph:
     def _layer(self, layer: Any, value: str) -> str:
         if type(layer) is BestChoices:
             return self.best_choices(layer.choices, value)
+        if type(layer) is Spread:
+            return self.spread(layer.log_std, value)
+        if type(layer) is torch.nn.LSTM:
+            return self.lstm(layer, value)
+        if type(layer) in (TorchMLPHead, TorchFreeLogStdMLPHead):
+            return self.head(layer, value)
         if type(layer) is torch.nn.Linear:
             inputs = [value, self.constant(_array(layer.weight), "weight")]
             if layer.bias is not None:

@@ -21,12 +21,13 @@ import yaml
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.evaluation.shipped import CARD, CHECKPOINT, CONFIGURATION, RECORD, ShippedPolicy, shipped_policy
-from safe_inspect.experiments.export.export import Exported, export_policy, policies_in, portable, training_record
+from safe_inspect.experiments.export.export import Exported, export_policy, portable, training_record
 from safe_inspect.experiments.files.checkpoints import (
     MODULES,
     configuration_of,
     newest_checkpoint,
     policy_folder,
+    policy_names,
     read_checkpoint,
     seal_checkpoint,
     weights_path,
@@ -192,7 +193,7 @@ def ship(
         flying = {agent.policy for agent in experiment.spec.agents} | {SINGLE}
         done = [
             export_policy(source, work / ("policy.onnx" if policy == SINGLE else f"{policy}.onnx"), policy)
-            for policy in policies_in(source)
+            for policy in policy_names(source)
             if policy in flying
         ]
         agents = {agent: item.path.name for item in done for agent in item.info.agents}
@@ -204,7 +205,7 @@ def ship(
 
 def _copy_weights(source: Path, target: Path) -> None:
     """Copy the files of a checkpoint that `trained_policy` reads, and seal the copy."""
-    for policy in policies_in(source):
+    for policy in policy_names(source):
         folder = target / MODULES / policy
         folder.mkdir(parents=True)
         shutil.copy(weights_path(policy_folder(source, policy)), folder)

@@ -122,7 +122,7 @@ def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual
     names = policy_names(path)
     if policy is None:
         if len(names) != 1 and usual not in names:
-            known = ", ".join(names) or "none"
+            known = ", ".join(names)
             raise CheckpointError(f"{path}: the checkpoint has the policies {known}; name one of them with `policy`")
         policy = names[0] if len(names) == 1 else usual
     if policy not in names:
@@ -134,9 +134,12 @@ def policy_names(path: str | os.PathLike[str]) -> list[str]:
     """Return the names of the policies of a checkpoint.
 
     Raises:
-        CheckpointError: The checkpoint is missing, incomplete or damaged.
+        CheckpointError: The checkpoint is missing, incomplete or damaged, or contains no policy.
     """
-    return sorted(folder.name for folder in (read_checkpoint(path).path / MODULES).glob("*") if folder.is_dir())
+    names = sorted(folder.name for folder in (read_checkpoint(path).path / MODULES).glob("*") if folder.is_dir())
+    if not names:
+        raise CheckpointError(f"{path}: the checkpoint contains no policy")
+    return names
 
 
 def weights_path(folder: Path) -> Path:

@@ -10,6 +10,7 @@ import inspect
 import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -23,16 +24,15 @@ from ray.tune.registry import get_trainable_cls, register_env
 
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FRESH_KEYS, OWN_KEYS
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.evaluation.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
 from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner, RunCallbacks
 from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.objects import built_as, mistake, named
+from safe_inspect.experiments.settings.objects import built_as, class_of
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, SINGLE, policy_texts
-from safe_inspect.plugins.registry import import_user_module
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -50,19 +50,9 @@ _UNSET = -1  # RLlib's value of a removed attribute
 _HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
 
 
-class PolicyOf:
-    """Function from an agent to its policy, for RLlib.
-
-    Args:
-        policies: The policies by name.
-    """
-
-    def __init__(self, policies: Mapping[str, PolicySpec]) -> None:
-        self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
-
-    def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
-        """Return the name of an agent's policy."""
-        return self._by_agent[agent]
+def _policy_of(by_agent: Mapping[str, str], agent: str, episode: Any = None, **kwargs: Any) -> str:
+    """Return the name of an agent's policy; RLlib passes the arguments after the first."""
+    return by_agent[agent]
 
 
 def build_config(
@@ -154,19 +144,16 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
     Raises:
         ConfigError: There is no such class, or it is not an `RLlibCallback`.
     """
-    found, problems = [], []
+    found: list[type[Any]] = []
+    problems: list[Problem] = []
+    what, where = "a class of callbacks; derive it from ray.rllib's RLlibCallback", "rllib_configs.callbacks"
     for name in names:
-        module, _, attribute = name.rpartition(".")
         try:
-            kind = getattr(import_user_module(module), attribute, None)
-            if isinstance(kind, type) and issubclass(kind, RLlibCallback):
-                found.append(kind)
-            else:
-                problems.append(f"{name!r} is not a class of callbacks; derive it from ray.rllib's RLlibCallback")
-        except RegistryError as error:
-            problems.append(str(error))
+            found.append(class_of(RLlibCallback, what, name, where))
+        except ConfigError as error:
+            problems += error.problems
     if problems:
-        raise ConfigError([Problem(problem, "rllib_configs.callbacks") for problem in problems])
+        raise ConfigError(problems)
     return found
 
 
@@ -257,41 +244,37 @@ def _set_policies(
         name: {ATTRIBUTES.get(key, key): value for key, value in policy.config.items() if key not in _OWN}
         for name, policy in policies.items()
     }
+    by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
     config.multi_agent(
         policies=set(policies),
-        policy_mapping_fn=cast(Any, PolicyOf(policies)),
+        policy_mapping_fn=cast(Any, partial(_policy_of, by_agent)),
         policies_to_train=[name for name, policy in policies.items() if policy.trains],
         algorithm_config_overrides_per_module={name: own for name, own in overrides.items() if own},
     )
     return specs
 
 
-class ConnectorsOf:
-    """Function that creates connectors, for RLlib, which passes the environment or the spaces.
+def _connectors(entries: Sequence[Mapping[str, Any]], where: str, *args: Any, **kwargs: Any) -> list[ConnectorV2]:
+    """Return connectors, in their order; RLlib passes the environment or the spaces as the further arguments.
 
     Args:
         entries: The entry `{functor: ..., config: ...}` of each connector.
         where: Path of the key, for messages.
+        *args: Not used.
+        **kwargs: Not used.
+
+    Raises:
+        ConfigError: There is no such class, it rejects its `config`, or it is not a connector.
     """
-
-    def __init__(self, entries: Sequence[Mapping[str, Any]], where: str) -> None:
-        self._entries, self._where = list(entries), where
-
-    def __call__(self, *args: Any, **kwargs: Any) -> list[ConnectorV2]:
-        """Return the connectors, in their order.
-
-        Raises:
-            ConfigError: There is no such class, it rejects its `config`, or it is not a connector.
-        """
-        kind: Any = ConnectorV2
-        return [built_as(kind, "a ConnectorV2 of RLlib", entry, self._where) for entry in self._entries]
+    kind: Any = ConnectorV2
+    return [built_as(kind, "a ConnectorV2 of RLlib", entry, where) for entry in entries]
 
 
 def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
     """Set the connectors that an experiment names in RLlib's configuration.
 
     Raises:
-        ConfigError: See `ConnectorsOf`.
+        ConfigError: See `_connectors`.
     """
     receivers: dict[str, Any] = {
         "env_to_module_connector": config.env_runners,
@@ -300,7 +283,7 @@ def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None
     }
     for key, receive in receivers.items():
         if settings.get(key):
-            connectors = ConnectorsOf(settings[key], f"rllib_configs.{key}")
+            connectors = partial(_connectors, settings[key], f"rllib_configs.{key}")
             connectors()  # raises errors here and not in RLlib's processes
             receive(**{key: connectors})
 
@@ -315,10 +298,7 @@ def own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSp
     Raises:
         ConfigError: There is no such class, or it is not an `RLModule`.
     """
-    where = "rllib_configs.rl_module"
-    kind = named(entry["functor"], where)
-    if not isinstance(kind, type) or not issubclass(kind, RLModule):
-        raise mistake(f"{entry['functor']!r} is not an RLModule of RLlib", where)
+    kind = class_of(RLModule, "an RLModule of RLlib", entry["functor"], "rllib_configs.rl_module")
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
     return RLModuleSpec(module_class=kind, model_config={**dataclasses.asdict(known), **model, **entry["config"]})
 

@@ -20,9 +20,6 @@ from ray.tune.search import Searcher
 from safe_inspect.experiments.settings.key_tables import DRAWN, GRID
 from safe_inspect.experiments.settings.objects import built_as, mistake
 
-#: The default metric by which trials are ranked.
-METRIC = "env_runners/episode_return_mean"
-
 
 def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     """Return the scheduler of the trials of a search; None selects Tune's default, which trains each trial to its end.
@@ -55,21 +52,9 @@ def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> 
     own = entry["config"]
     logging.getLogger("optuna").setLevel(logging.WARNING)  # optuna logs a line for each study
     try:
-        return Suggestions(
-            made, searched, own.get("metric") or figure_of(settings), own.get("mode") or mode_of(settings)
-        )
+        return Suggestions(made, searched, own.get("metric") or settings["metric"], own.get("mode") or settings["mode"])
     except Exception as error:  # a searcher may raise any kind of error
         raise mistake(f"{entry['functor']} cannot search: {error}", where) from error
-
-
-def figure_of(settings: Mapping[str, Any]) -> str:
-    """Return the metric by which trials are ranked."""
-    return str(settings.get("metric") or METRIC)
-
-
-def mode_of(settings: Mapping[str, Any]) -> str:
-    """Return ``max`` if the best trial has the largest metric, and ``min`` if it has the smallest."""
-    return str(settings.get("mode") or "max")
 
 
 def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -77,7 +62,7 @@ def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
     entry = settings.get("scheduler")
     if entry is None or "metric" in entry["config"]:
         return {}
-    return {"metric": figure_of(settings), "mode": mode_of(settings)}
+    return {"metric": settings["metric"], "mode": settings["mode"]}
 
 
 def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:

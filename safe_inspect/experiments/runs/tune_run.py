@@ -390,7 +390,7 @@ def _tuner(
 def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
     """Return the folder of the best trial of a search; None if no trial has the metric that ranks trials."""
     try:
-        return Path(results.get_best_result(tune_objects.figure_of(chosen), tune_objects.mode_of(chosen)).path)
+        return Path(results.get_best_result(chosen["metric"], chosen["mode"]).path)
     except RuntimeError:
         return None
 

@@ -47,7 +47,7 @@ class RunCallbacks(RLlibCallback):
 
     _compiled = 0.0
 
-    def on_algorithm_init(self, *, algorithm: Any, metrics_logger: Any = None, **kwargs: Any) -> None:
+    def on_algorithm_init(self, *, algorithm: Any, **kwargs: Any) -> None:
         """Set the number of Torch's threads, and load the checkpoint of a resumed run."""
         self._compiled = compiling_seconds()
         set_threads(algorithm.config.env_config)
@@ -58,15 +58,11 @@ class RunCallbacks(RLlibCallback):
             algorithm._iteration = checkpoint["iteration"]
             algorithm._time_total = checkpoint["seconds"]
 
-    def on_train_result(
-        self, *, algorithm: Any, metrics_logger: Any = None, result: dict[str, Any], **kwargs: Any
-    ) -> None:
+    def on_train_result(self, *, result: dict[str, Any], **kwargs: Any) -> None:
         """Report the time that the iterations have spent compiling [s]."""
         result[COMPILING] = compiling_seconds() - self._compiled
 
-    def on_environment_created(
-        self, *, env_runner: Any, metrics_logger: Any = None, env: Any, env_context: Any, **kwargs: Any
-    ) -> None:
+    def on_environment_created(self, *, env_runner: Any, env: Any, env_context: Any, **kwargs: Any) -> None:
         """Assign slots to the environments of a stock runner; the batched runner assigns slots when it builds them."""
         set_threads(env_context)
         index, evaluation = env_runner.worker_index or 0, bool(env_runner.config.in_evaluation)
@@ -76,19 +72,12 @@ class RunCallbacks(RLlibCallback):
             single.unwrapped.place(first_slot(index, len(env.envs)) + place, evaluation)
 
     def on_episode_end(
-        self,
-        *,
-        episode: Any,
-        env_runner: Any = None,
-        metrics_logger: Any = None,
-        env: Any = None,
-        env_index: int = 0,
-        **kwargs: Any,
+        self, *, env_runner: Any = None, metrics_logger: Any = None, env: Any = None, env_index: int = 0, **kwargs: Any
     ) -> None:
         """Log the report of an episode that has ended in an environment of a stock runner."""
         one = isinstance(env, TrainingEnv)
         report = env.reports.get(env_index) if one else env.envs[env_index].unwrapped.reports.get(0)
-        if report is not None and metrics_logger is not None:
+        if report is not None:
             log_reports(metrics_logger, env_runner.config, [report])
 
 

@@ -30,6 +30,8 @@ _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
 )
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+#: The default metric by which trials are ranked.
+METRIC = "env_runners/episode_return_mean"
 _LIMIT = Key("number", low=1, high=math.inf)
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
@@ -79,8 +81,8 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
         if score.startswith("min-"):
             score, settings["checkpoint_score_order"] = score[4:], "min"
         settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
-    if settings.get("metric"):
-        settings["metric"] = run_keys.STOP_RENAMED.get(settings["metric"], settings["metric"])
+    metric = settings.get("metric") or METRIC
+    settings["metric"], settings["mode"] = run_keys.STOP_RENAMED.get(metric, metric), settings.get("mode") or "max"
     for key in ("checkpoint_score_attribute", "metric"):
         figure = settings.get(key)
         if (
