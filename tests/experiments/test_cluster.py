@@ -174,25 +174,18 @@ def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     assert not list(run.iterdir())
 
 
-def test_a_ray_that_starts_late_is_started_again(monkeypatch):
-    import ray
+def test_a_node_that_starts_late_is_waited_for(monkeypatch):
+    from ray._private import services
 
-    late = Exception("The current node timed out during startup")
-    told, left = [], [late, late, None]
+    left = [RuntimeError("not yet"), RuntimeError("not yet"), "node"]
 
-    def init(**options):
-        told.append(options)
-        error = left.pop(0)
-        if error:
-            raise error
+    def get_node(*arguments):
+        found = left.pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found, arguments
 
-    monkeypatch.setattr(ray, "init", init)
-    monkeypatch.setattr(ray, "shutdown", lambda: told.append("shutdown"))
-    cluster._start(num_cpus=2)
-    assert told == [{"num_cpus": 2}, "shutdown", {"num_cpus": 2}, "shutdown", {"num_cpus": 2}]
-    for errors, count in (([late] * 9, cluster._STARTS), ([RuntimeError("other")], 1)):
-        left[:] = errors
-        told.clear()
-        with pytest.raises(type(errors[0]), match=r"timed out|other"):
-            cluster._start()
-        assert told.count({}) == count
+    monkeypatch.setattr(services, "get_node", get_node)
+    with cluster.patient_start():
+        assert services.get_node("address", "id") == ("node", ("address", "id"))
+    assert services.get_node is get_node

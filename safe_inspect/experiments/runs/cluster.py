@@ -13,6 +13,7 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -36,9 +37,9 @@ _ENVIRONMENT = {
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_CHDIR_TO_TRIAL_DIR": "0",  # so that relative paths of a configuration are the same in every process
     "RAY_AIR_NEW_OUTPUT": "0",
-    "RAY_agent_register_timeout_ms": "120000",  # for the processes that a node starts, see `_start`
+    "RAY_agent_register_timeout_ms": "120000",  # for the processes that a node starts, see `patient_start`
     "RAY_worker_niceness": "0",  # with Ray's default of 15 a training gets a thirtieth of a shared core
-    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes its own logs, see training_log
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes its own logs, see `TrainingLog`
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
@@ -46,8 +47,8 @@ _ENVIRONMENT = {
 #: Prefixes of the names of Ray's logs that are kept after a failed training.
 _LOGS = ("worker-", "raylet", "python-core-driver")
 
-#: How often a local Ray is started until it does not time out.
-_STARTS = 4
+#: Longest time that a local Ray may take to start [s].
+_LONGEST_START = 120.0
 
 _token = ""
 
@@ -97,8 +98,8 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
     local = {key: settings[key] for key in names if settings.get(key) is not None}
     try:
         with _inherited(_for_processes(folder)):
-            with _outliving_signals():
-                _start(
+            with _outliving_signals(), patient_start():
+                ray.init(
                     address="local",
                     num_cpus=int(available),
                     object_store_memory=settings.get("object_store_memory") or 256 * 2**20,
@@ -119,18 +120,31 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
                 folder.ray_note.unlink(missing_ok=True)
 
 
-def _start(**options: Any) -> None:
-    """Start a local Ray, again if it times out: Ray gives up after half a minute, which a busy machine may exceed."""
-    import ray
+@contextmanager
+def patient_start() -> Iterator[None]:
+    """Allow a local Ray two minutes to start on a busy machine; by default Ray gives up after half a minute."""
+    from ray._private import services
 
-    for left in reversed(range(_STARTS)):
-        try:
-            ray.init(**options)
-            return
-        except Exception as error:  # Ray raises a plain Exception
-            if not left or "timed out" not in str(error):
-                raise
-            ray.shutdown()
+    get_node: Any = getattr(services, "get_node", None)
+    if get_node is None:  # this release of Ray has no such function
+        yield
+        return
+
+    def wait_for_node(*arguments: Any, **keywords: Any) -> Any:
+        deadline = time.monotonic() + _LONGEST_START
+        while True:
+            try:
+                return get_node(*arguments, **keywords)
+            except RuntimeError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.2)
+
+    services.get_node = wait_for_node
+    try:
+        yield
+    finally:
+        services.get_node = get_node
 
 
 def _shut_down() -> None:
