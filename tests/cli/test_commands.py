@@ -292,6 +292,10 @@ def test_what_is_no_command_line_is_refused(typed, words):
             "initial_weights=docking",
             "model_config.initial_weights: docking: its weights do not match this policy",
         ),
+        (
+            "initial_weights=dockin",
+            "'dockin' is neither the folder of a checkpoint nor a policy that the package ships",
+        ),
         ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
     ],
 )

@@ -167,12 +167,10 @@ def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
     names = attribute_names(config)
     assert {"lr", "vtrace", "lambda_", "num_env_runners"} <= names
     assert not any(name.startswith("_") for name in names)
-    rllib = SimpleNamespace(
-        unchecked=("vtrase",), given={"lr", "lambda", "learner", "taste"}, settings={"algorithm": "APPO"}
-    )
+    rllib = SimpleNamespace(given={"lr", "lambda", "learner", "taste", "vtrase"}, settings={"algorithm": "APPO"})
     with pytest.raises(ConfigError) as caught:
         _apply(config, rllib)
-    first, second = caught.value.problems
+    second, first = caught.value.problems
     assert (first.message, first.path) == ("APPO has no key `vtrase`", "rllib_configs.vtrase")
     assert first.hint == "did you mean `vtrace`?"
     assert (second.message, second.path) == ("APPO has no key `taste`", "rllib_configs.taste")

@@ -41,7 +41,7 @@ def _module(**settings):
 
 
 def _save(folder, module):
-    from safe_inspect.experiments.files.weights import INFO
+    from safe_inspect.experiments.files.checkpoints import INFO
     from safe_inspect.experiments.settings.policies import policy_info
 
     experiment = experiment_of(discrete)
@@ -114,7 +114,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
 
 def test_it_does_not_fly_with_policies_that_learn(run):
     from safe_inspect.config.spec import PolicySpec
-    from safe_inspect.experiments.modules.fresh_policy import check_frozen
+    from safe_inspect.experiments.modules.policy import check_frozen
 
     frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run).newest.path))
     with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):

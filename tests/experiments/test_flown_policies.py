@@ -17,9 +17,8 @@ from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules import fresh_policy, policy, sources
-from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, check_frozen, frozen_spec
-from safe_inspect.experiments.modules.policy import TrainedPolicy
+from safe_inspect.experiments.modules import policy, sources
+from safe_inspect.experiments.modules.policy import FrozenPolicy, TrainedPolicy, check_frozen, frozen_spec
 from safe_inspect.experiments.modules.saved_policy import BestChoices, TorchHurdle, distribution_of_module
 from safe_inspect.experiments.modules.sources import LoadedPolicy, load_policy
 from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
@@ -285,14 +284,14 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
     with pytest.raises(CheckpointError):
         check_frozen({"old": frozen_of(checkpoint, agent)}, units)
-    read = fresh_policy.read_weights
+    read = policy.read_weights
     for name in ("choices", "twin_q"):
 
         def marked(path: Path, name: str = name) -> Any:
             weights = read(path)
             return type(weights)(**{**vars(weights), "model": {**weights.model, name: True}})
 
-        monkeypatch.setattr(fresh_policy, "read_weights", marked)
+        monkeypatch.setattr(policy, "read_weights", marked)
         with pytest.raises(CheckpointError, match="PPO"):
             check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
 

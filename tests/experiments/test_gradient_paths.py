@@ -25,7 +25,7 @@ NET = {"fcnet_hiddens": [8], "fcnet_activation": "tanh", "vf_share_layers": Fals
 
 def built(model, actions=None):
     """Return a policy's module that observes five numbers."""
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+    from safe_inspect.experiments.modules.policy import policy_spec
 
     spec = policy_spec(model)
     spec.observation_space = Box(-np.inf, np.inf, (5,))

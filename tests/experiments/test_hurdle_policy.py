@@ -76,7 +76,7 @@ def module_of(experiment, **model):
 
     from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+    from safe_inspect.experiments.modules.policy import policy_spec
     from safe_inspect.experiments.settings.policies import policy_info
 
     agent = experiment.spec.agents[0]

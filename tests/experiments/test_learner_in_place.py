@@ -15,8 +15,8 @@ from dummy_environment import ONE, TEAM
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
 from safe_inspect.experiments.learning import ppo_learner
-from safe_inspect.experiments.learning.ppo_batch import batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_kernels import Terms
+from safe_inspect.experiments.learning.ppo_learner import batches_of, minibatches
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
 
 pytestmark = [pytest.mark.ray, pytest.mark.filterwarnings("ignore")]

@@ -43,7 +43,7 @@ def weights_of(algo):
 
 
 def advised(algo, episodes):
-    from safe_inspect.experiments.learning.ppo_batch import batches_of
+    from safe_inspect.experiments.learning.ppo_learner import batches_of
 
     learner = learner_of(algo)
     batches = batches_of(episodes, learner.should_module_be_updated)
@@ -252,7 +252,7 @@ def test_the_gradients_of_choices_are_those_of_rllibs_loss():
 
 @pytest.mark.parametrize(("rows", "size", "epochs"), [(100, 30, 3), (100, None, 2), (40, 64, 2), (90, 30, 1)])
 def test_minibatches_use_each_step_in_each_epoch(rows, size, epochs):
-    from safe_inspect.experiments.learning.ppo_batch import minibatches
+    from safe_inspect.experiments.learning.ppo_learner import minibatches
 
     order = minibatches(rows, size, epochs, True, (5, "a policy", 7))
     assert order.shape == (math.ceil(epochs * rows / min(size or rows, rows)), min(size or rows, rows))

@@ -160,42 +160,20 @@ def test_a_pickle_refers_to_the_monitor_of_the_training(tmp_path: Path, monkeypa
     assert pickle.loads(text) is None
 
 
-def test_an_error_that_an_environment_leaves_is_read_once_it_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, waits = tmp_path / "failure.json", list[float]()
-    assert tune_run.read_failure(path) == {}
-    path.write_text('{"error": "x", "mess')
-
-    def wait(seconds: float) -> None:
-        waits.append(seconds)
-        if len(waits) == 3:
-            path.write_text('{"error": "x", "message": "m"}')
-
-    now = iter([0.0, 0.0, 0.3, 0.6, 0.9, *[2.0] * 9])
-    monkeypatch.setattr(tune_run, "time", SimpleNamespace(monotonic=lambda: next(now), sleep=wait))
-    assert tune_run.read_failure(path) == {"error": "x", "message": "m"}
-    assert len(waits) == 3
-    path.write_text("{")
-    now = iter([0.0, 0.5, 0.99, 1.0])
-    assert tune_run.read_failure(path) == {}
-    assert len(waits) == 5
-
-
-def test_the_error_of_a_training_is_that_of_its_cause() -> None:
-    with pytest.raises(PluginValueError, match=r"^m$"):
-        tune_run._raise_failure({"error": "PluginValueError", "message": "m"}, ValueError("other"))
-    with pytest.raises(SafeInspectError, match=r"^m$"):
-        tune_run._raise_failure({"error": "Unknown", "message": "m"}, None)
+def test_the_error_of_a_training_is_that_of_its_cause(tmp_path: Path) -> None:
+    path = tmp_path / "failure.json"
+    for name, kind in (("PluginValueError", PluginValueError), ("Unknown", SafeInspectError)):
+        path.write_text(json.dumps({"error": name, "message": "m"}))
+        with pytest.raises(kind, match=r"^m$"):
+            tune_run._raise_failure(path, ValueError("other"))
+    path.unlink()
     inner, middle, outer = ConfigError([]), RuntimeError("middle"), RuntimeError("outer")
     middle.__cause__ = inner
     outer.cause = middle  # type: ignore[attr-defined]  # as Ray names it
     with pytest.raises(ConfigError):
-        tune_run._raise_failure({}, outer)
-    plain = RuntimeError("plain")
+        tune_run._raise_failure(path, outer)
     with pytest.raises(RuntimeError, match="plain"):
-        tune_run._raise_failure({}, plain)
-    tune_run._raise_failure({}, None)
+        tune_run._raise_failure(path, RuntimeError("plain"))
 
 
 def test_a_process_that_died_is_told_from_one_that_could_not_begin() -> None:

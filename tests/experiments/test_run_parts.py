@@ -182,7 +182,7 @@ def test_a_mission_that_fails_raises_its_own_error(monkeypatch: pytest.MonkeyPat
 def test_tune_searches_the_number_of_the_trial_alone() -> None:
     from ray.tune.search.sample import Function
 
-    from safe_inspect.experiments.runs.tune_objects import OfTrial, search_space, tune_space
+    from safe_inspect.experiments.runs.tune_objects import _value_of_trial, search_space, tune_space
 
     configs: Any = [
         SimpleNamespace(to_dict=lambda lr=lr: {"lr": lr, "env_config": {"seed": lr + 1}}) for lr in (10, 20, 30)
@@ -194,7 +194,7 @@ def test_tune_searches_the_number_of_the_trial_alone() -> None:
     trial = {"env_config": {"trial": 2}}
     assert space["lr"].func(trial) == 30
     assert space["env_config"]["seed"].func(trial) == 31
-    assert OfTrial([5, 6])({"env_config": {"trial": 1}}) == 6
+    assert _value_of_trial([5, 6], {"env_config": {"trial": 1}}) == 6
     found = tune_space(
         {"a": {"choice": [1, 2]}, "b": {"uniform": [0, 3]}, "c": {"loguniform": [1, 4]}, "d": {"randint": [2, 5]}}
     )

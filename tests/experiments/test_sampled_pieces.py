@@ -15,7 +15,7 @@ from training_values import MAKER
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.learning.ppo_batch import batches_of
+from safe_inspect.experiments.learning.ppo_learner import batches_of
 from safe_inspect.experiments.sampling import env_runners
 from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.sampling.rollout import (

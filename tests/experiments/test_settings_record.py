@@ -42,8 +42,6 @@ def _told(found: TranslatedSettings, usual: Mapping[str, Any]) -> Iterator[str]:
         yield f"settings {_json(differing)}"
     if set(usual) - set(found.settings):
         yield f"without {', '.join(sorted(set(usual) - set(found.settings)))}"
-    if found.unchecked:
-        yield f"unchecked {', '.join(found.unchecked)}"
     if found.given:
         yield f"given {', '.join(sorted(found.given))}"
     yield from (f"note {note}" for note in found.notes)

@@ -92,15 +92,15 @@ def test_each_episode_is_reported_once_with_its_sums():
 
 def test_the_states_of_an_error_are_saved_in_the_run(tmp_path, monkeypatch):
     from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
-    from safe_inspect.experiments.sampling.environment import Reported
+    from safe_inspect.experiments.sampling.environment import reported
 
     monkeypatch.delenv(CRASH_FOLDER_VARIABLE, raising=False)
     config = {"failure_file": str(tmp_path / "run" / "failure.json")}
-    with Reported(config):
+    with reported(config):
         assert os.environ[CRASH_FOLDER_VARIABLE] == str(tmp_path / "run")
     assert CRASH_FOLDER_VARIABLE not in os.environ
     monkeypatch.setenv(CRASH_FOLDER_VARIABLE, "theirs")
-    with Reported(config):
+    with reported(config):
         assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
     assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
 

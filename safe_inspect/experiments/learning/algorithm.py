@@ -27,7 +27,7 @@ from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.evaluation.raw_values import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
-from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec
+from safe_inspect.experiments.modules.policy import frozen_spec, policy_spec
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner, RunCallbacks
 from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
@@ -208,7 +208,7 @@ def _apply(config: AlgorithmConfig, rllib: TranslatedSettings) -> None:
     names, settings = attribute_names(config), rllib.settings
     problems = [
         Problem(f"{settings['algorithm']} has no key `{name}`", f"rllib_configs.{name}", hint=did_you_mean(name, names))
-        for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given)))
+        for name in sorted(rllib.given)
         if name not in _OWN and ATTRIBUTES.get(name, name) not in names
     ]
     if problems:

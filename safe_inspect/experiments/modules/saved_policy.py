@@ -32,8 +32,7 @@ from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.environments.facades.flat_actions import flat_space
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
-from safe_inspect.experiments.files.checkpoints import WEIGHTS
-from safe_inspect.experiments.files.weights import pack
+from safe_inspect.experiments.files.checkpoints import WEIGHTS, pack
 from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, SquashedGaussian
 from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray

@@ -39,8 +39,8 @@ from safe_inspect.experiments.files.checkpoints import (
     newest_checkpoint,
     policy_folder,
     read_checkpoint,
+    read_weights,
 )
-from safe_inspect.experiments.files.weights import read_weights
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.registry import registry

@@ -19,9 +19,8 @@ from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.checkpoints import SEAL, Checkpoint, find_newest
+from safe_inspect.experiments.files.checkpoints import INFO, SEAL, Checkpoint, find_newest, starting_weights
 from safe_inspect.experiments.files.run_folder import RunFolder, digest, learning_configuration
-from safe_inspect.experiments.files.weights import INFO, initial_weights, starting_weights
 from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.runs.progress import Messages
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, write_trial
@@ -116,9 +115,6 @@ def read_settings(
     algorithm = tuned.settings.get("algorithm")
     translated = translate_rllib(rllib, algorithm)
     found, notes, problems = read_policies(policies, translated.settings["algorithm"])
-    problems += _unreadable_weights("rllib_configs", translated.settings)
-    for name, policy in found.items():
-        problems += _unreadable_weights(f"policies.{name}", policy.config)
     trials: tuple[Trial, ...] = ()
     wrong: list[errors.Problem] = []
     if not translated.problems and not tuned.problems:
@@ -136,19 +132,8 @@ def read_settings(
     )
 
 
-def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.Problem]:
-    """Return a problem if the initial weights of a policy cannot be read."""
-    source = settings.get("model_config", {}).get("initial_weights")
-    try:
-        if source is not None:
-            initial_weights(source)
-    except errors.CheckpointError as error:
-        return [errors.Problem(str(error), f"{path}.model_config.initial_weights")]
-    return []
-
-
 def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Problem]:
-    """Return a problem for each policy whose initial weights do not match the experiment.
+    """Return a problem for each policy whose initial weights cannot be read or do not match the experiment.
 
     Args:
         experiment: The experiment.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from math import isfinite
 from typing import Any, cast
 
@@ -75,7 +76,7 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     for index, entry in enumerate(settings.get("callbacks") or ()):
         where, what = f"tune_config.callbacks[{index}]", "a ray.tune.Callback; give RLlib's among the RLlib keys"
         made = built_as(tune.Callback, what, entry, where)
-        cast(Any, made).setup = _Setup(made.setup, str(entry["functor"]), where)
+        cast(Any, made).setup = partial(_set_up, made.setup, str(entry["functor"]), where)
         found.append(made)
     return found
 
@@ -91,41 +92,25 @@ def check_objects(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> N
     callbacks_of(settings)
 
 
-class _Setup:
-    """The `setup` of a callback, which Tune calls at the start of a training; errors name the callback."""
+def _set_up(setup: Callable[..., None], functor: str, where: str, *args: Any, **keywords: Any) -> None:
+    """Call the `setup` of a callback, which Tune does at the start of a training.
 
-    def __init__(self, setup: Callable[..., None], functor: str, where: str) -> None:
-        self._setup, self._functor, self._where = setup, functor, where
-
-    def __call__(self, *args: Any, **keywords: Any) -> None:
-        """Call the `setup`.
-
-        Raises:
-            ConfigError: It fails, for example because a package or a key is missing, or a path cannot be written.
-        """
-        try:
-            self._setup(*args, **keywords)
-        except Exception as error:  # a logger may raise any kind of error
-            raise mistake(f"{self._functor} cannot start: {error}", self._where) from error
+    Raises:
+        ConfigError: It fails, for example because a package or a key is missing, or a path cannot be written.
+    """
+    try:
+        setup(*args, **keywords)
+    except Exception as error:  # a logger may raise any kind of error
+        raise mistake(f"{functor} cannot start: {error}", where) from error
 
 
 #: Key of the environment's configuration for the number of the trial.
 TRIAL_KEY = "trial"
 
 
-class OfTrial:
-    """Function for Tune that returns one value of a trial, given the trial's configuration.
-
-    Args:
-        values: The value of each trial.
-    """
-
-    def __init__(self, values: Sequence[Any]) -> None:
-        self._values = list(values)
-
-    def __call__(self, config: Mapping[str, Any]) -> Any:
-        """Return the value of the trial."""
-        return self._values[config["env_config"][TRIAL_KEY]]
+def _value_of_trial(values: Sequence[Any], config: Mapping[str, Any]) -> Any:
+    """Return the value of a trial for Tune, given the values of all trials and the trial's configuration."""
+    return values[config["env_config"][TRIAL_KEY]]
 
 
 def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
@@ -141,7 +126,7 @@ def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
 
 
 def _functions(trees: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {key: tune.sample_from(OfTrial([tree[key] for tree in trees])) for key in trees[0]}
+    return {key: tune.sample_from(partial(_value_of_trial, [tree[key] for tree in trees])) for key in trees[0]}
 
 
 _maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None

@@ -10,7 +10,6 @@ import logging
 import math
 import os
 import signal
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,7 +30,7 @@ from safe_inspect.experiments.files.run_folder import (
     read_run_record,
 )
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules.fresh_policy import check_frozen
+from safe_inspect.experiments.modules.policy import check_frozen
 from safe_inspect.experiments.runs import cluster, tune_objects
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingLog, TrainingProgress, flatten
 from safe_inspect.experiments.runs.trials import write_trial
@@ -188,18 +187,6 @@ def _trial_name(trial: Any) -> str:
     return trial.storage.trial_dir_name or folder_name(trial)
 
 
-def read_failure(path: Path) -> dict[str, str]:
-    """Return the user's error that an environment has written to a file; empty if there is none."""
-    deadline = time.monotonic() + 1.0
-    while path.is_file() and time.monotonic() < deadline:
-        try:
-            found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
-            return found
-        except ValueError:  # the file is still being written
-            time.sleep(0.05)
-    return {}
-
-
 def check(run: TrainingRun, settings: Settings) -> None:
     """Check what can only be checked once RLlib is loaded: keys of other algorithms than PPO, and value combinations.
 
@@ -300,7 +287,7 @@ def run_tune(
         results = tuner.fit()
         failed = next(iter(results.errors), None)
         if failed is not None:
-            _raise_failure(read_failure(folder.failure), failed)
+            _raise_failure(folder.failure, failed)
     monitor.best = (_best if settings.single else _best_trial)(results, settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
         raise CheckpointError(f"{start.path}: the training did not continue from the checkpoint")
@@ -408,11 +395,14 @@ def _best(results: Any, chosen: Mapping[str, Any]) -> Path | None:
 
 def process_died(error: BaseException | None) -> bool:
     """Return whether a training failed because one of Ray's processes died (was killed, or memory ran out)."""
+    return any(isinstance(cause, RayActorError) and not cause.actor_init_failed for cause in _causes(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and its causes, which Ray gives as `cause`."""
     while error is not None:
-        if isinstance(error, RayActorError) and not error.actor_init_failed:
-            return True
+        yield error
         error = getattr(error, "cause", None) or error.__cause__
-    return False
 
 
 def _quiet() -> None:
@@ -424,15 +414,9 @@ def _quiet() -> None:
     warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")
 
 
-def _raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:
+def _raise_failure(file: Path, error: BaseException) -> None:
     """Raise the error of a training: the user's error if an environment has written one to a file."""
-    kind = getattr(errors, failure.get("error", ""), SafeInspectError)
-    if failure:
-        raise kind(failure["message"])
-    cause = error
-    while cause is not None:
-        if isinstance(cause, SafeInspectError):
-            raise cause
-        cause = getattr(cause, "cause", None) or cause.__cause__
-    if error is not None:
-        raise error
+    if file.is_file():
+        failure = json.loads(file.read_text(encoding="utf-8"))
+        raise getattr(errors, failure["error"], SafeInspectError)(failure["message"])
+    raise next((cause for cause in _causes(error) if isinstance(cause, SafeInspectError)), error)

@@ -27,7 +27,7 @@ from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.environments.facades.by_agent import AgentsByName
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.experiments.modules.tanh_net import PolicyNet
-from safe_inspect.experiments.sampling.environment import Reported, TrainingEnv, build_team, first_slot, seed_of
+from safe_inspect.experiments.sampling.environment import TrainingEnv, build_team, first_slot, reported, seed_of
 from safe_inspect.experiments.sampling.rollout import (
     AgentSlot,
     Rollout,
@@ -249,7 +249,7 @@ class _Batched:
         )
 
     def _sample(self, **options: Any) -> list[Any]:
-        with Reported(self.config.env_config):
+        with reported(self.config.env_config):
             rollout = self._roll(**options)
         self._count(rollout)
         episodes = self._sampler.environment.simulation.episodes  # type: ignore[union-attr]

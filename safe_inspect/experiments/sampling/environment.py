@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -32,6 +33,7 @@ from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.sampling.sampler import EpisodeReport, episode_reports
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, experiment_in
+from safe_inspect.outputs import new_file
 from safe_inspect.plugins.registry import import_user_module
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
@@ -82,36 +84,35 @@ def build_team(config: Mapping[str, Any], num_envs: int, slot: int, evaluation: 
     module, _, function = path.partition(":")
     maker: EnvironmentMaker | None = getattr(import_user_module(module), function) if path else None
     experiment, seed = experiment_in(config), seed_of(config, evaluation)
-    with Reported(config):
+    with reported(config):
         if maker is None:
             return TeamEnvironment(build_spec(experiment), num_envs, seed=seed, first_slot=slot)
         return maker(experiment, num_envs, seed, slot)
 
 
-class Reported:
-    """Context that writes a user's error to a file, because RLlib's remote runners end without passing it on.
+@contextmanager
+def reported(config: Mapping[str, Any]) -> Iterator[None]:
+    """Write a user's error within a context to a file, because RLlib's remote runners end without passing it on.
 
     The states that caused the error are saved in the folder of that file, unless the user names another folder.
 
     Args:
         config: RLlib's environment configuration, whose `failure_file` names the file.
     """
-
-    def __init__(self, config: Mapping[str, Any]) -> None:
-        self._file = config.get("failure_file")
-        self._names_folder = False
-
-    def __enter__(self) -> None:
-        if self._file and CRASH_FOLDER_VARIABLE not in os.environ:
-            os.environ[CRASH_FOLDER_VARIABLE] = str(Path(self._file).parent)
-            self._names_folder = True
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if self._names_folder:
-            self._names_folder = False
-            os.environ.pop(CRASH_FOLDER_VARIABLE, None)
-        if self._file and isinstance(error, SafeInspectError):
-            Path(self._file).write_text(json.dumps({"error": type(error).__name__, "message": str(error)}))
+    file: Any = config.get("failure_file")
+    names_folder = file is not None and CRASH_FOLDER_VARIABLE not in os.environ
+    if names_folder:
+        os.environ[CRASH_FOLDER_VARIABLE] = str(Path(file).parent)
+    try:
+        yield
+    except SafeInspectError as error:
+        if file is not None:
+            with new_file(file) as work:  # several runners may fail at once
+                work.write_text(json.dumps({"error": type(error).__name__, "message": str(error)}), encoding="utf-8")
+        raise
+    finally:
+        if names_folder:
+            del os.environ[CRASH_FOLDER_VARIABLE]
 
 
 AgentDict = dict[Any, Any]
@@ -153,7 +154,7 @@ class StockEnvironment:
 
     def _restart(self) -> Sequence[AnyArray]:
         """Start a new episode in every slot; return the observations of each acting group."""
-        with Reported(self._config):
+        with reported(self._config):
             observations = self.team.reset()
         self._sums.restart(np.arange(self.num_envs))
         self.reports = {}
@@ -208,7 +209,7 @@ class TeamMultiAgentEnv(StockEnvironment, MultiAgentEnv):
             (index, member), action = self._places[agent], action_dict[agent]
             choices = self._choices(acting[index])
             actions[index][0, member] = from_flat(action, choices) if choices else action
-        with Reported(self._config):
+        with reported(self._config):
             transition = self.team.step(actions)
         self._sums.add(transition)
         found = [transition.groups[index] for index in self.team.acting_indices]
@@ -270,7 +271,7 @@ class TrainingEnv(StockEnvironment, _VectorEnv[Any, Any, Any]):
         again = np.flatnonzero(self._ended)
         if self._levels:
             actions = from_flat(actions, self._levels)
-        with Reported(self._config):
+        with reported(self._config):
             transition = self.team.step([np.where(self._ended[:, None], 0.0, actions)[:, None]])
             self._sums.add(transition)
             found = transition.groups[self.team.acting_indices[0]]

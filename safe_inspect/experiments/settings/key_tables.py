@@ -125,21 +125,10 @@ def _integer(key: Key, value: Any) -> int:
     return int(number)
 
 
-def _instance_of(kind: type) -> Callable[[Key, Any], Any]:
-    """Return a check that a value is an instance of a class."""
-
-    def check(key: Key, value: Any) -> Any:
-        if not isinstance(value, kind):
-            raise _unexpected(key, value)
-        return value
-
-    return check
-
-
-def _text(key: Key, value: Any) -> str:
-    if not isinstance(value, str):
+def _instance(key: Key, value: Any) -> Any:
+    if not isinstance(value, {"boolean": bool, "mapping": Mapping, "text": str}[key.kind]):
         raise _unexpected(key, value)
-    if key.choices:
+    if key.kind == "text" and key.choices:
         possible = ", ".join(f"`{each}`" for each in key.choices)
         raise ValueError(f"`{value}` is not possible; use one of {possible}")
     return value
@@ -185,9 +174,9 @@ def _objects(key: Key, value: Any) -> list[dict[str, Any]]:
 _KINDS: dict[str, tuple[Callable[[Key, Any], Any], str]] = {
     "number": (_number, "a number"),
     "integer": (_integer, "a whole number"),
-    "boolean": (_instance_of(bool), "true or false"),
-    "text": (_text, "a text"),
-    "mapping": (_instance_of(Mapping), "a mapping"),
+    "boolean": (_instance, "true or false"),
+    "text": (_instance, "a text"),
+    "mapping": (_instance, "a mapping"),
     "integers": (_integers, "a list of whole numbers"),
     "schedule": (_schedule, "a number, or a list of pairs [step, value]"),
     "names": (_names, "a dotted path `module.Class`, or a list of them,"),
@@ -204,14 +193,12 @@ class TranslatedSettings:
         settings: Values by current name; `model_config` is a nested mapping.
         notes: One sentence for each key that was translated or dropped.
         problems: The problems found; their paths begin with the name of the mapping.
-        unchecked: Keys of an algorithm other than PPO, which can only be checked once Ray is loaded.
         given: The current names of the keys that the experiment gives; the other settings are defaults.
     """
 
     settings: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
-    unchecked: list[str] = field(default_factory=list)
     given: frozenset[str] = frozenset()
 
 
@@ -224,9 +211,7 @@ class KeyTables:
         renamed: Old names with the current ones.
         dropped: Names without effect, with the reason.
         only_at: Names that are accepted only with certain values, with these values and the reason.
-        reserved: Names that cannot be set, with the reason.
-        prefixes: Prefixes of names that cannot be set, with the reason.
-        parts: Substrings of names that cannot be set, with the reason.
+        refusal: Function that returns why a name cannot be set; empty if it is not reserved.
         spellings: Alternative spellings with the usual ones.
         open: Whether further keys exist, whose values can only be checked once Ray is loaded.
         names: Names of these further keys; None accepts every name, where only the loaded Ray knows the names.
@@ -237,9 +222,7 @@ class KeyTables:
     renamed: Mapping[str, str]
     dropped: Mapping[str, str]
     only_at: Mapping[str, tuple[tuple[object, ...], str]]
-    reserved: Mapping[str, str] = field(default_factory=dict)
-    prefixes: Mapping[str, str] = field(default_factory=dict)
-    parts: Mapping[str, str] = field(default_factory=dict)
+    refusal: Callable[[str], str] = lambda name: ""
     spellings: Mapping[str, str] = field(default_factory=dict)
     open: bool = False
     names: frozenset[str] | None = None
@@ -273,12 +256,11 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             notes.append(f"`{given}` is now `{name}`")
         target = name.partition(".")[0]
         if target not in tables.known:
-            reason = _refusal(name, tables)
+            reason = tables.refusal(name)
             if reason:
                 problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
             elif tables.open and (name.isidentifier() if tables.names is None else name in tables.names):
                 settings[name] = value
-                found.unchecked.append(name)
             else:
                 names = [*tables.known, *tables.renamed, *(tables.names or ())]
                 problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
@@ -306,12 +288,3 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             settings[name] = value
     found.given = frozenset(settings)
     return found
-
-
-def _refusal(name: str, tables: KeyTables) -> str:
-    if name in tables.reserved:
-        return tables.reserved[name]
-    for prefix, reason in tables.prefixes.items():
-        if name.startswith(prefix):
-            return reason
-    return next((reason for part, reason in tables.parts.items() if part in name), "")

@@ -149,15 +149,12 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
 def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> TranslatedSettings:
     """Translate RLlib's keys, including those nested in `model_config` and `evaluation_config`."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
-    of_model = dict.fromkeys((*keys.MODEL_KEYS, *keys.FRESH_KEYS), "it is a key of `model_config`")
     tables = KeyTables(
         {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
-        {**old_keys.RESERVED, **of_model},
-        old_keys.RESERVED_PREFIXES,
-        old_keys.RESERVED_PARTS,
+        _refusal,
         old_keys.SPELLINGS,
         open=algorithm not in keys.CLOSED_ALGORITHMS,
         names=keys_of_release(algorithm),
@@ -192,6 +189,15 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += evaluation.notes
         problems += evaluation.problems
     return found
+
+
+def _refusal(name: str) -> str:
+    """Return why a key of RLlib cannot be set; empty if it is not reserved."""
+    if name in keys.MODEL_KEYS or name in keys.FRESH_KEYS:
+        return "it is a key of `model_config`"
+    prefixes = (reason for prefix, reason in old_keys.RESERVED_PREFIXES.items() if name.startswith(prefix))
+    parts = (reason for part, reason in old_keys.RESERVED_PARTS.items() if part in name)
+    return old_keys.RESERVED.get(name) or next(prefixes, "") or next(parts, "")
 
 
 def _instead(algorithm: str) -> str:
