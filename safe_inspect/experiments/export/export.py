@@ -39,6 +39,8 @@ EXPORT_TOLERANCE = 1e-5
 
 _SPREAD = 1.5
 
+_RANDOM_STEPS, _RANDOM_ROWS = 64, 64
+
 
 @dataclass(frozen=True)
 class ExportDifference:
@@ -163,9 +165,6 @@ def worst(first: ExportDifference, *others: ExportDifference) -> ExportDifferenc
             undecided=first.undecided + other.undecided,
         )
     return first
-
-
-_RANDOM_STEPS, _RANDOM_ROWS = 64, 64
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,17 @@ STATE = ("state_h", "state_c")
 
 _GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
 
+#: Versions of ONNX that `LayerNormalization` needs and that runtimes since 2022 support.
+OPSET, IR_VERSION = 17, 8
+_SIMPLE = {
+    torch.nn.Tanh: ("Tanh", ()),
+    torch.nn.ReLU: ("Relu", ()),
+    torch.nn.Sigmoid: ("Sigmoid", ()),
+    torch.nn.ELU: ("Elu", ("alpha",)),
+    torch.nn.LeakyReLU: ("LeakyRelu", (("alpha", "negative_slope"),)),
+    torch.nn.Identity: ("Identity", ()),
+}
+
 
 class Spread(torch.nn.Module):
     """Layer that appends the logarithms of fixed standard deviations to means.
@@ -147,19 +158,6 @@ def lstm_weights(lstm: torch.nn.LSTM) -> dict[str, AnyArray]:
         np.concatenate([np.split(part.detach().cpu().numpy(), 4)[gate] for gate in _GATES]) for part in parts
     ]
     return {"kernel": kernel[None], "recurrence": recurrence[None], "bias": np.concatenate(biases)[None]}
-
-
-#: Versions of ONNX that `LayerNormalization` needs and that runtimes since 2022 support.
-OPSET, IR_VERSION = 17, 8
-
-_SIMPLE = {
-    torch.nn.Tanh: ("Tanh", ()),
-    torch.nn.ReLU: ("Relu", ()),
-    torch.nn.Sigmoid: ("Sigmoid", ()),
-    torch.nn.ELU: ("Elu", ("alpha",)),
-    torch.nn.LeakyReLU: ("LeakyRelu", (("alpha", "negative_slope"),)),
-    torch.nn.Identity: ("Identity", ()),
-}
 
 
 def require_onnx() -> Any:

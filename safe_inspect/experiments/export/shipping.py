@@ -46,6 +46,8 @@ LIMITS = (
     "enables it.",
 )
 
+_PACKAGES = ("ray", "torch", "numpy", "onnx", "onnxruntime")
+
 
 @dataclass(frozen=True)
 class CardData:
@@ -154,9 +156,6 @@ def _number(value: float | None, factor: float = 1.0) -> str:
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     return lines + ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]
-
-
-_PACKAGES = ("ray", "torch", "numpy", "onnx", "onnxruntime")
 
 
 def ship(

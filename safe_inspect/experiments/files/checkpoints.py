@@ -45,6 +45,13 @@ MODULES = Path("learner_group", "learner", "rl_module")
 #: may run any code when they are loaded: only a resumed run reads them.
 WEIGHTS = "policy.safetensors"
 
+#: Key of `model_config` for the metadata of `PolicyInfo`.
+INFO = "policy_info"
+#: Suffix of the name of the weights of a net's first layer; the name of its bias ends in "bias".
+_FIRST = ".net.mlp.0.weight"
+# Prefixes of the saved arrays; the target networks of APPO and DQN and the Q-functions of SAC are not saved.
+_PARTS = ("encoder.", "pi_encoder.", "pi.", "af.", "vf.")
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -274,16 +281,6 @@ def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
         if configuration.is_file():
             return configuration
     return None
-
-
-#: Key of `model_config` for the metadata of `PolicyInfo`.
-INFO = "policy_info"
-
-#: Suffix of the name of the weights of a net's first layer; the name of its bias ends in "bias".
-_FIRST = ".net.mlp.0.weight"
-
-# Prefixes of the saved arrays; the target networks of APPO and DQN and the Q-functions of SAC are not saved.
-_PARTS = ("encoder.", "pi_encoder.", "pi.", "af.", "vf.")
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ _MISSING = "nothing"
 #: Keys of an experiment that do not affect what is learnt, or that are compared separately.
 _APART = frozenset({"rllib_configs", "tune_config", "ray_config", "output_path", "TrialName"})
 
+_HINT = "give another folder with --output"
+PARAMETERS = "params.json"
+
 
 def learning_configuration(
     experiment: Mapping[str, Any], rllib: Mapping[str, Any], policies: Mapping[str, PolicySpec] | None = None
@@ -96,9 +99,6 @@ def short_text(value: Any) -> str:
     """Return a value as text of at most 60 characters."""
     text = value if value == _MISSING else json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-_HINT = "give another folder with --output"
 
 
 class RunFolder:
@@ -284,9 +284,6 @@ def _write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def _file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
-
-
-PARAMETERS = "params.json"
 
 
 def write_parameters(folder: Path, values: Mapping[str, Any], seed: int | None) -> None:

@@ -11,7 +11,7 @@ import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.callbacks.callbacks import RLlibCallback
@@ -33,10 +33,6 @@ from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, Tra
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.objects import built_as, class_of
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, SINGLE, policy_texts
-
-if TYPE_CHECKING:
-    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
-
 
 #: Attributes of `AlgorithmConfig` whose names differ from those of the keys.
 ATTRIBUTES = {"lambda": "lambda_"}
@@ -87,11 +83,12 @@ def build_config(
     callbacks = _own_callbacks(settings.get("callbacks") or ())
     config.callbacks(callbacks_class=[RunCallbacks, *callbacks])
     specs = _set_policies(config, settings, policies or {}, texts)
-    recurrent = next((name for name, spec in specs.items() if _is_recurrent(spec)), "")
-    why_stock = f"the policy {recurrent} is recurrent" if recurrent else ""
-    if settings["env_runner"] == "batched" and not _needs_stock("runner samples", why_stock or _hook_of(callbacks)):
+    recurrent = [name for name, spec in specs.items() if _is_recurrent(spec)]
+    learning = [name for name in recurrent if not policies or policies[name].trains]
+    runner, learner = (f"the policy {names[0]} is recurrent" if names else "" for names in (recurrent, learning))
+    if settings["env_runner"] == "batched" and not _needs_stock("runner samples", runner or _hook_of(callbacks)):
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
-    if settings["learner"] == "fast" and not _needs_stock("learner learns", why_stock):
+    if settings["learner"] == "fast" and not _needs_stock("learner learns", learner):
         own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
         config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")

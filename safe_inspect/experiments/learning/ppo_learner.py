@@ -43,6 +43,13 @@ from safe_inspect.types import AnyArray, BoolArray, IntArray
 #: Smallest standard deviation by which advantages are divided, as in RLlib.
 LEAST_SPREAD = 1e-4
 
+#: Name of a net's part of the total loss.
+TOTAL = "total_loss"
+#: Key in `learner_config_dict` of the number of nets that learn in parallel.
+THREADS = "threads"
+_LOGGER = logging.getLogger(__name__)
+_ROWS_AT_ONCE = 1024
+
 
 @dataclass
 class Batch:
@@ -179,10 +186,6 @@ def _data(buffer: Any) -> AnyArray:
     return np.asarray(buffer.data[buffer.lookback :])
 
 
-#: Name of a net's part of the total loss.
-TOTAL = "total_loss"
-
-
 class NetTraining:
     """Training of one net with the minibatches of a batch; several trainings may run in parallel.
 
@@ -296,13 +299,6 @@ def _explained(targets: AnyArray, values: AnyArray) -> float:
     variance = float(np.var(targets, dtype=np.float64))
     rest = float(np.var(np.subtract(targets, values, dtype=np.float64)))
     return max(-1.0, 1.0 - rest / variance) if variance > 0.0 else -1.0
-
-
-#: Key in `learner_config_dict` of the number of nets that learn in parallel.
-THREADS = "threads"
-
-_LOGGER = logging.getLogger(__name__)
-_ROWS_AT_ONCE = 1024
 
 
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]

@@ -65,6 +65,8 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 _HIDDEN_GAIN = math.sqrt(2.0)
 _POLICY_GAIN = 0.01
 
+_SOURCE = "frozen_from"
+
 
 class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
     """RLlib's policy for PPO, whose `model_config` may also contain the keys of `FRESH_KEYS`.
@@ -225,9 +227,6 @@ def policy_spec(
         return RLModuleSpec(module_class=DqnPolicy, model_config=settings)
     kinds = {"SAC": SacPolicy, "APPO": AppoPolicy}
     return RLModuleSpec(module_class=kinds.get(algorithm, FreshPolicy), model_config=settings)
-
-
-_SOURCE = "frozen_from"
 
 
 class FrozenPolicy(FreshPolicy):

@@ -37,6 +37,16 @@ from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian
 from safe_inspect.random.hurdle_draws import Hurdle
 from safe_inspect.types import AnyArray
 
+#: Key of RLlib's `model_config` that only SAC policies have: whether there are two Q-functions.
+TWIN_Q = "twin_q"
+#: This package's key in the `model_config` of DQN policies: the number of values of each element of the action.
+CHOICES = "choices"
+#: Keys of `model_config` that only DQN policies have.
+DQN_MODEL_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
+_MOST = 4096
+#: Keys of `model_config`: whether continuous thrust has a hurdle distribution, and its number of durations.
+HURDLE, COASTS = "hurdle", "coasts"
+
 
 class SavedPolicy(RLModule):  # type: ignore[misc]
     """Base class of the package's policies, which adds a weights file (see `WEIGHTS`) to RLlib's files of a checkpoint.
@@ -80,24 +90,12 @@ def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None
         raise CheckpointError(f"{title}: its weights do not match this policy ({reason})") from None
 
 
-#: Key of RLlib's `model_config` that only SAC policies have: whether there are two Q-functions.
-TWIN_Q = "twin_q"
-
-
 class SacPolicy(SavedPolicy, DefaultSACTorchRLModule):  # type: ignore[misc]
     """RLlib's policy for SAC."""
 
 
 class AppoPolicy(SavedPolicy, DefaultAPPOTorchRLModule):  # type: ignore[misc]
     """RLlib's policy for APPO."""
-
-
-#: This package's key in the `model_config` of DQN policies: the number of values of each element of the action.
-CHOICES = "choices"
-#: Keys of `model_config` that only DQN policies have.
-DQN_MODEL_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
-
-_MOST = 4096
 
 
 class BestChoices(torch.nn.Module):
@@ -196,10 +194,6 @@ def distribution_of_module(module: Any) -> Distribution | None:
     if isinstance(space, MultiDiscrete) and all(kind.__bases__ == (TorchMultiCategorical,) for kind in kinds):
         return Categorical(tuple(int(count) for count in space.nvec))
     return None
-
-
-#: Keys of `model_config`: whether continuous thrust has a hurdle distribution, and its number of durations.
-HURDLE, COASTS = "hurdle", "coasts"
 
 
 class HurdleCatalog(PPOCatalog):  # type: ignore[misc]

@@ -41,6 +41,13 @@ _Q0, _Q1, _Q2, _Q3, _Q4 = map(
 # The compiler may fuse products into sums and vectorise the loop; a division by zero cannot happen.
 _vectorised = njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 
+#: Methods of the module that are involved in sampling an action, and in computing the losses.
+SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
+TRAINING = ("forward_train", "_forward_train", "compute_values")
+#: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.
+LEAST_ROWS = 16
+_VECTOR = 16  # largest number of float32 values in a vector register
+
 
 @_vectorised  # type: ignore[untyped-decorator]
 def tanh_in_place(x: AnyArray) -> None:
@@ -173,11 +180,6 @@ class TanhNet:
             torch.mm(gradient.t(), batch, out=slope)
 
 
-#: Methods of the module that are involved in sampling an action, and in computing the losses.
-SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
-TRAINING = ("forward_train", "_forward_train", "compute_values")
-
-
 @dataclass(frozen=True, eq=False)
 class PlainLayers:
     """A net whose outputs are ``head(body(observations))``.
@@ -240,12 +242,6 @@ def _layers(encoder: Any, head: Any) -> PlainLayers | None:
     if not known or type(head) not in (TorchMLPHead, TorchFreeLogStdMLPHead):
         return None
     return PlainLayers(encoder.net.mlp, head)
-
-
-#: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.
-LEAST_ROWS = 16
-
-_VECTOR = 16  # largest number of float32 values in a vector register
 
 
 class PolicyNet:

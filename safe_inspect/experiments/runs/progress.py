@@ -53,6 +53,8 @@ _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_expl
 _SHOWN = 5  # largest number of agents whose values are printed one by one
 _ENDLESS = 1e15  # larger limits mean "no limit"; safe-autonomy-sims uses 9e18
 
+_HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
+
 
 def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return the numbers of a nested result under paths such as ``env_runners/episode_return_mean``."""
@@ -279,9 +281,6 @@ def _of_agents(flat: Mapping[str, float], agents: Sequence[str]) -> str:
         for agent, value, count in zip(agents, returns, counts, strict=True)
     )
     return "    " + "   ".join(each)
-
-
-_HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
 
 
 class TrainingLog:

@@ -44,6 +44,10 @@ from safe_inspect.experiments.settings.translation import current_name
 if TYPE_CHECKING:
     from safe_inspect.experiments.runs.train import Settings, TrainingRun
 
+_DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
+_OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
+_TOLD = 3  # largest number of keys in a label
+
 
 @dataclass(frozen=True)
 class TrialResult:
@@ -144,11 +148,6 @@ def trial_table(trials: Sequence[TrialResult]) -> list[str]:
         )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-_DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
-_OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
-_TOLD = 3  # largest number of keys in a label
 
 
 def learning_curves_in(folder: str | os.PathLike[str]) -> list[Path]:

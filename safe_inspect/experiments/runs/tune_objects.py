@@ -21,6 +21,10 @@ from ray.tune.search import Searcher
 from safe_inspect.experiments.settings.key_tables import DRAWN, GRID
 from safe_inspect.experiments.settings.objects import built_as, mistake
 
+#: Key of the environment's configuration for the number of the trial.
+TRIAL_KEY = "trial"
+_maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
+
 
 def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
     """Return the scheduler of the trials of a search; None selects Tune's default, which trains each trial to its end.
@@ -104,10 +108,6 @@ def _set_up(setup: Callable[..., None], functor: str, where: str, *args: Any, **
         raise mistake(f"{functor} cannot start: {error}", where) from error
 
 
-#: Key of the environment's configuration for the number of the trial.
-TRIAL_KEY = "trial"
-
-
 def _value_of_trial(values: Sequence[Any], config: Mapping[str, Any]) -> Any:
     """Return the value of a trial for Tune, given the values of all trials and the trial's configuration."""
     return values[config["env_config"][TRIAL_KEY]]
@@ -127,9 +127,6 @@ def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
 
 def _functions(trees: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {key: tune.sample_from(partial(_value_of_trial, [tree[key] for tree in trees])) for key in trees[0]}
-
-
-_maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
 
 
 class Suggestions(Searcher):

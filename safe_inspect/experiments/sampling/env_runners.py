@@ -41,6 +41,9 @@ from safe_inspect.experiments.sampling.sampler import DecisionSampler, EpisodeRe
 #: Values of an episode that are logged under RLlib's names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
 
+#: Name of the task's part of a runner's state.
+TASK = "task"
+
 
 class RunCallbacks(RLlibCallback):
     """The callbacks of every training run."""
@@ -174,10 +177,6 @@ def log_episodes(
 
 def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
-
-
-#: Name of the task's part of a runner's state.
-TASK = "task"
 
 
 class TeamSpaces:

@@ -40,6 +40,8 @@ from safe_inspect.types import AnyArray, BoolArray, IntArray
 #: Function that builds environments from the resolved configuration, their number, the seed and the first slot.
 EnvironmentMaker: TypeAlias = Callable[[Mapping[str, Any], int, int, int], TeamEnvironment]
 
+AgentDict = dict[Any, Any]
+
 
 def first_slot(worker_index: int, num_envs: int) -> int:
     """Return the global index of a runner's first environment slot.
@@ -113,9 +115,6 @@ def reported(config: Mapping[str, Any]) -> Iterator[None]:
     finally:
         if names_folder:
             del os.environ[CRASH_FOLDER_VARIABLE]
-
-
-AgentDict = dict[Any, Any]
 
 
 class StockEnvironment:

@@ -15,6 +15,11 @@ from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
+#: Name of the control steps of each decision, among RLlib's outputs of a module.
+DECISION_STEPS = "decision_steps"
+#: Observation and action space of an agent.
+Spaces = tuple[Any, Any]
+
 
 @dataclass(frozen=True)
 class AgentSlot:
@@ -291,12 +296,6 @@ class DecisionRollout(Rollout):
         starts = [start for track in self.tracks for start in track.starts[:, env].tolist()]
         counts = [count for track in self.tracks for count in track.counts[:, env].tolist()]
         return starts, [count - start for count, start in zip(counts, starts, strict=True)]
-
-
-#: Name of the control steps of each decision, among RLlib's outputs of a module.
-DECISION_STEPS = "decision_steps"
-#: Observation and action space of an agent.
-Spaces = tuple[Any, Any]
 
 
 def single_agent_episodes(

@@ -25,6 +25,10 @@ from safe_inspect.types import AnyArray, BoolArray, IntArray
 #: Values of an episode by name; a path such as ``agents/blue0/delta_v`` denotes nested names.
 EpisodeReport = dict[str, float]
 
+#: Indices of some environments of a batch.
+Rows = IntArray | slice
+_ROOM = 32  # decisions of each agent for which a rollout has room at first
+
 
 def episode_reports(
     environment: TeamEnvironment,
@@ -73,10 +77,6 @@ def _of_agent(figures: dict[str, AnyArray]) -> dict[str, AnyArray]:
         else:
             columns[name.removeprefix(INFO).removeprefix(OWN)] = value
     return columns
-
-
-#: Indices of some environments of a batch.
-Rows = IntArray | slice
 
 
 class Sampler:
@@ -271,9 +271,6 @@ class Sampler:
         for observation, fresh in zip(self._observations, self.environment.reset(rows), strict=True):
             observation[rows] = fresh
         return kept
-
-
-_ROOM = 32  # decisions of each agent for which a rollout has room at first
 
 
 class DecisionSampler(Sampler):

@@ -21,6 +21,9 @@ from safe_inspect.experiments.settings.translation import translate_policy
 #: The value of `maker` that selects this package's own environments.
 DEFAULT_MAKER = ""
 
+#: RLlib's name of the policy of a single agent.
+SINGLE = "default_policy"
+
 
 def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
     """Return the environment configuration for RLlib.
@@ -44,10 +47,6 @@ def experiment_in(config: Mapping[str, Any]) -> Any:
     """Return the resolved experiment from RLlib's environment configuration, which contains it as JSON text."""
     experiment = config["experiment"]
     return json.loads(experiment) if isinstance(experiment, str) else experiment
-
-
-#: RLlib's name of the policy of a single agent.
-SINGLE = "default_policy"
 
 
 def read_policies(
