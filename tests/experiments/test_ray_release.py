@@ -179,7 +179,7 @@ def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
     assert not found.notes
     config = build_config(found, environment_settings({}, found.settings, maker=MAKER))
     assert [kind.__name__ for kind in config.callbacks_class] == ["RunCallbacks", "Mine"]
-    for name, told in (("own_callbacks.x", "is not a class of callbacks"), ("no_such_module.Mine", "no module")):
+    for name, told in (("own_callbacks.x", "has no .x."), ("no_such_module.Mine", "no module")):
         found = translate_rllib({"callbacks": [name]})
         with pytest.raises(ConfigError, match=told):
             build_config(found, environment_settings({}, found.settings, maker=MAKER))

@@ -12,7 +12,7 @@ from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.run_folder import digest, learning_configuration, leaves_of
+from safe_inspect.experiments.files.run_folder import changed_values, digest, learning_configuration
 from safe_inspect.experiments.runs.train import TrainingRun, train
 from safe_inspect.outputs import exclusive
 
@@ -61,7 +61,7 @@ def test_another_configuration_is_refused_with_the_difference(tmp_path):
         run_folder.check_configuration(folder, other)
     message = str(caught.value)
     assert "experiment.radius: 10.0 in the run, 12.0 now" in message
-    assert "experiment.points: [1, 2] in the run, [1, 3] now" in message
+    assert "experiment.points[1]: 2 in the run, 3 now" in message
     assert "rllib_configs.lr: 0.0001 in the run, nothing now" in message
 
 
@@ -100,9 +100,8 @@ def test_two_processes_cannot_train_in_one_folder(tmp_path):
     assert subprocess.run(command, check=False).returncode == 0
 
 
-def test_the_leaves_of_a_configuration():
-    found = list(leaves_of({"a": [1, 2], "b": [{"c": None}, 3], "d": {"e": 4}}))
-    assert found == [("a", [1, 2]), ("b[0].c", None), ("b[1]", 3), ("d.e", 4)]
+def test_the_lists_of_two_lengths_differ():
+    assert list(changed_values({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
 
 
 def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeypatch):

@@ -76,16 +76,17 @@ def digest(configuration: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def leaves_of(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the paths and the values of a configuration; a list of mappings is a mapping of its indices."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from leaves_of(item, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
-        for index, item in enumerate(value):
-            yield from leaves_of(item, f"{path}[{index}]")
-    else:
-        yield path, value
+def changed_values(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield the paths at which two configurations differ, with both values."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            where = f"{path}.{key}" if path else str(key)
+            yield from changed_values(old.get(key, _MISSING), new.get(key, _MISSING), where)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (left, right) in enumerate(zip(old, new, strict=True)):
+            yield from changed_values(left, right, f"{path}[{index}]")
+    elif old != new:
+        yield path, old, new
 
 
 def without(value: Any, names: Collection[str]) -> Any:
@@ -246,12 +247,9 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     record = read_run_record(folder)
     if record["digest"] == digest(configuration):
         return
-    old, new = dict(leaves_of(record["configuration"])), dict(leaves_of(configuration))
-    values = {path: (old.get(path, _MISSING), new.get(path, _MISSING)) for path in sorted({*old, *new})}
     found = [
-        f"  {path}: {short_text(before)} in the run, {short_text(now)} now"
-        for path, (before, now) in values.items()
-        if before != now
+        f"  {path}: {short_text(old)} in the run, {short_text(new)} now"
+        for path, old, new in changed_values(record["configuration"], configuration)
     ]
     shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
     raise CheckpointError(

@@ -28,7 +28,6 @@ from safe_inspect.experiments.files.run_folder import (
     RunFolder,
     digest,
     learning_configuration,
-    leaves_of,
     parameters_text,
     read_parameters,
     read_run_record,
@@ -247,7 +246,7 @@ def _stem(progress: Path) -> str:
 
 def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
     """Return a name for each recipe: its values of the keys that differ, or the folder's name if too many differ."""
-    flat = [dict(leaves_of(configuration)) for configuration in configurations]
+    flat = [dict(_leaves(configuration)) for configuration in configurations]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
     differing: dict[
         tuple[str, ...], None
@@ -273,3 +272,14 @@ def _among_rllib_keys(path: str) -> str:
     key = _OF_POLICY.match(path)
     head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
     return f"rllib_configs.{current_name(head)}{dot}{tail}"
+
+
+def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        for index, item in enumerate(value):
+            yield from _leaves(item, f"{path}[{index}]")
+    else:
+        yield path, value
