@@ -68,6 +68,17 @@ def test_several_policies_have_what_is_their_own() -> None:
         assert {mapping(agent, None) for agent in policy.agents} == {policy.name}
 
 
+def test_one_recurrent_policy_of_a_team_needs_rllibs_runner_and_learner() -> None:
+    from safe_inspect.experiments.learning.ppo_learner import FastPPOLearner
+    from safe_inspect.experiments.sampling.env_runners import BatchedTeamRunner
+
+    first = policies()[0].name
+    with pytest.warns(UserWarning, match=f"RLlib's stock (runner samples|learner learns), because the policy {first}"):
+        config: Any = build({"team": TEAM}, policies=policies(**{first: {"model_config": {"use_lstm": True}}}))
+    assert config.env_runner_cls is not BatchedTeamRunner
+    assert config.learner_class is not FastPPOLearner
+
+
 class Mine:
     """No class of callbacks."""
 
