@@ -16,7 +16,7 @@ TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-seed
 def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: Any) -> Any:
     """Return the configuration of the algorithm of an experiment; keyword arguments are further RLlib keys."""
     from safe_inspect.experiments.learning.algorithm import build_config, register_environments
-    from safe_inspect.experiments.runs.train import read_settings
+    from safe_inspect.experiments.runs.training_run import read_settings
     from safe_inspect.experiments.settings.policies import environment_settings
 
     experiment = load_experiment(cfg, overrides)

@@ -27,7 +27,8 @@ COLUMNS = ("return", "inspected fraction", "delta-v", "delta-v per deputy", "len
 
 def train_for(experiment: Experiment, steps: int, output: Path) -> tuple[Path | None, dict[str, Any]]:
     """Train for so many steps; return the checkpoint, and the steps and seconds that it took."""
-    from safe_inspect.experiments.runs.train import TrainingRun, train
+    from safe_inspect.experiments.runs.train import train
+    from safe_inspect.experiments.runs.training_run import TrainingRun
 
     task = experiment.config.config.config
     result = train(

@@ -81,7 +81,7 @@ from pathlib import Path
 from training_values import MAKER, QUICK
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.train import train
-from safe_inspect.experiments.runs.train import TrainingRun
+from safe_inspect.experiments.runs.training_run import TrainingRun
 run = dict(rllib=QUICK, tune={"stop": {"training_iteration": 1}}, output=Path(sys.argv[2]), maker=MAKER)
 print(train(TrainingRun({}, ray={"address": sys.argv[1]}, **run), io.StringIO()).iteration)
 """
@@ -119,7 +119,7 @@ def test_a_cluster_that_is_not_there_is_one_message(tmp_path):
         "import sys; from pathlib import Path\n"
         "from safe_inspect.errors import ConfigError\n"
         "from safe_inspect.experiments.runs.train import train\n"
-        "from safe_inspect.experiments.runs.train import TrainingRun\n"
+        "from safe_inspect.experiments.runs.training_run import TrainingRun\n"
         "try: train(TrainingRun({}, maker='builtins:dict', ray={'address': sys.argv[2]}, output=Path(sys.argv[1])))\n"
         "except ConfigError as error: print(error)"
     )

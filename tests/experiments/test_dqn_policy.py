@@ -123,7 +123,7 @@ def test_it_does_not_fly_with_policies_that_learn(run):
 
 def test_the_shipped_file_is_built_with_one_choice():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.runs.train import read_settings
+    from safe_inspect.experiments.runs.training_run import read_settings
     from safe_inspect.experiments.settings.policies import environment_settings
 
     learner = configs_root() / "learners" / "dqn.yml"

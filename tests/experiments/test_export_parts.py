@@ -18,7 +18,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.raw_values import element_columns
 from safe_inspect.experiments.export.shipping import CardData, model_card
-from safe_inspect.experiments.runs.train import TrainingRun, read_settings, unfit_weights
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
 from safe_inspect.experiments.settings.policies import policy_info
 from safe_inspect.version import __version__
 

@@ -15,7 +15,7 @@ from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.files.checkpoints import Checkpoint, find_newest, seal_checkpoint
 from safe_inspect.experiments.files.run_folder import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
-from safe_inspect.experiments.runs.train import read_settings
+from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
 from safe_inspect.experiments.settings.search import sample_seed
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib

@@ -11,7 +11,8 @@ from ray.tune.search import Searcher
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import ConfigError, SafeInspectError
-from safe_inspect.experiments.runs.train import TrainingRun, read_settings, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
 from safe_inspect.experiments.runs.tune_objects import Suggestions, making, suggestions_of, tune_space
 from safe_inspect.experiments.settings.search import searches_of
 from safe_inspect.experiments.settings.translation import METRIC, translate_tune

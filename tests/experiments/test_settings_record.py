@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from safe_inspect.config.keys import rllib_release
-from safe_inspect.experiments.runs.train import read_settings
+from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.translation import (
     translate_policy,

@@ -14,7 +14,8 @@ from training_values import MAKER, QUICK
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.experiments.runs.progress import read_progress
-from safe_inspect.experiments.runs.train import TrainingRun, read_settings, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
 
 pytestmark = pytest.mark.ray
 

@@ -17,7 +17,8 @@ from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoi
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.runs import train as module
 from safe_inspect.experiments.runs import tune_run
-from safe_inspect.experiments.runs.train import TrainingResult, TrainingRun, train
+from safe_inspect.experiments.runs.train import TrainingResult, train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 
 pytestmark = pytest.mark.ray
 

@@ -261,7 +261,7 @@ def test_ray_is_the_runs_own_unless_asked():
 
 def test_checking_does_not_load_ray_or_torch():
     code = (
-        "import sys; from safe_inspect.experiments.runs.train import read_settings; read_settings({}, {}, {});"
+        "import sys; from safe_inspect.experiments.runs.training_run import read_settings; read_settings({}, {}, {});"
         "print(sorted({name.partition('.')[0] for name in sys.modules} & {'ray', 'torch', 'tensorboardX', 'pandas'}))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -8,7 +8,8 @@ import pytest
 from ray.tune.experiment import Trial
 from training_values import MAKER, QUICK
 
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.tune_objects import callbacks_of
 from safe_inspect.experiments.settings.translation import translate_tune
 

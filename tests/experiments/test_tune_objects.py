@@ -12,7 +12,8 @@ from ray.tune.schedulers import ASHAScheduler, PopulationBasedTraining
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.tune_objects import callbacks_of, ranking, scheduler_of
 from safe_inspect.experiments.settings.translation import METRIC, translate_tune
 

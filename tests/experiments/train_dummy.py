@@ -10,7 +10,8 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 
 if __name__ == "__main__":
     output, iterations, *resume = sys.argv[1:]

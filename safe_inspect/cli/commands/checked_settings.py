@@ -7,7 +7,7 @@ import sys
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.learning import flight_note, learning_problems, placed
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.train import Settings, read_settings, unfit_weights
+from safe_inspect.experiments.runs.training_run import Settings, read_settings, unfit_weights
 from safe_inspect.experiments.settings.search import searches_of
 
 

@@ -19,7 +19,8 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.experiments.files.run_folder import open_run_folder
-from safe_inspect.experiments.runs.train import TrainingRun, train
+from safe_inspect.experiments.runs.train import train
+from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import recipes_of, trial_table
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure

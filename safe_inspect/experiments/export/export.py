@@ -25,7 +25,7 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.evaluation.raw_values import element_columns
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.export.onnx_graph import build_file, layers_of, require_onnx, state_of
+from safe_inspect.experiments.export.onnx_graph import build_file, layers_of, lstm_state, require_onnx
 from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
@@ -236,7 +236,7 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
-        state=state_of(net),
+        state=lstm_state(net),
     )
     module = net if isinstance(loaded.module, SacPolicy | DqnPolicy) else loaded.module
     return write_policy(net, module, info, output, experiment.spec, agents[0], title)

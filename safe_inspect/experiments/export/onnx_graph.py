@@ -59,7 +59,7 @@ class Spread(torch.nn.Module):
         return torch.cat((mean, self.log_std.expand_as(mean)), dim=1)
 
 
-def state_of(net: torch.nn.Sequential) -> dict[str, int]:
+def lstm_state(net: torch.nn.Sequential) -> dict[str, int]:
     """Return the sizes of the inputs of `STATE`; empty for a policy without a state."""
     sizes = [layer.hidden_size for layer in net if isinstance(layer, torch.nn.LSTM)]
     return dict.fromkeys(STATE, sizes[0]) if sizes else {}

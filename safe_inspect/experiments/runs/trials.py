@@ -41,7 +41,7 @@ from safe_inspect.experiments.settings.search import Trial, experiment_of
 from safe_inspect.experiments.settings.translation import current_name
 
 if TYPE_CHECKING:
-    from safe_inspect.experiments.runs.train import Settings, TrainingRun
+    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
 _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")

@@ -43,7 +43,7 @@ from safe_inspect.interrupts import Interrupted, handled
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
-    from safe_inspect.experiments.runs.train import Settings, TrainingRun
+    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 
 
 _monitor: Monitor | None = None
