@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.streams import discard_output, lasting_streams, print_error, without_long_words
 from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
@@ -146,7 +147,7 @@ def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True)
         "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
         "KEY=VALUE replaces a value by its dotted path, ~KEY removes it",
     )  # fmt: skip
-    parser.add_argument("--cfg", metavar="FILE", help="the experiment, as an option")
+    add_option(parser, "--cfg", "FILE", "the experiment, as an option")
     parser.set_defaults(experiment_needed=needed)
 
 
@@ -161,9 +162,12 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
 def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
     """Add an experiment, see `add_experiment_file`, and the compute platform."""
     add_experiment_file(parser, needed=needed)
-    parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
-    )
+    add_compute_platform(parser)
+
+
+def add_compute_platform(parser: argparse.ArgumentParser) -> None:
+    """Add the compute platform of an experiment."""
+    add_option(parser, "--compute-platform", "NAME", "entry of the task's rllib_configs", default="local")
 
 
 def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "") -> None:

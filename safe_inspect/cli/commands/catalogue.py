@@ -13,6 +13,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments, print_doubts
 from safe_inspect.config.data import configs_root
@@ -36,13 +37,9 @@ _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 def add_list_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``list``."""
-    parser.add_argument(
-        "kind",
-        nargs="?",
-        metavar="KIND",
-        help=f"one of: tasks, policies, {', '.join(registry.kinds())} (default: all plugins)",
-    )
-    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin, or dotted path of one of your own")
+    kinds = ", ".join(registry.kinds())
+    add_option(parser, "kind", "KIND", f"one of: tasks, policies, {kinds} (default: all plugins)", nargs="?")
+    add_option(parser, "name", "NAME", "name of one plugin, or dotted path of one of your own", nargs="?")
 
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,14 +49,8 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``schema``."""
-    parser.add_argument(
-        "file",
-        nargs="?",
-        metavar="KIND",
-        default="experiment",
-        help=f"kind of file, one of: {', '.join(_SCHEMAS)} (default: experiment)",
-    )
-    parser.add_argument("--output", type=Path, metavar="FILE", help="write the schema to this file (default: print it)")
+    add_option(parser, "file", "KIND", f"kind of file, one of: {', '.join(_SCHEMAS)}", default="experiment", nargs="?")
+    add_option(parser, "--output", "FILE", "write the schema to this file (default: print it)", Path)
 
 
 def run_list(arguments: argparse.Namespace) -> int:

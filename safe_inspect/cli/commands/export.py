@@ -6,6 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
@@ -17,14 +18,11 @@ from safe_inspect.outputs import check_ending
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``export``."""
-    parser.add_argument(
-        "checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a training run (its newest checkpoint)"
-    )
-    parser.add_argument("--policy", metavar="NAME", help="name of the policy, if the checkpoint contains several")
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="ONNX file (default: POLICY.onnx in the working directory)"
-    )
-    parser.add_argument("--cfg", metavar="FILE", help="experiment of the training (default: that of the run)")
+    checkpoint = "folder of a checkpoint, or of a training run (its newest checkpoint)"
+    add_option(parser, "checkpoint", "CHECKPOINT", checkpoint)
+    add_option(parser, "--policy", "NAME", "name of the policy, if the checkpoint contains several")
+    add_option(parser, "--output", "FILE", "ONNX file (default: POLICY.onnx in the working directory)", Path)
+    add_option(parser, "--cfg", "FILE", "experiment of the training (default: that of the run)")
     add_overrides(parser)
 
 

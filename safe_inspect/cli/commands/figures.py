@@ -6,8 +6,9 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
-from safe_inspect.cli.arguments import positive, positive_number, seed, whole_number
+from safe_inspect.cli.arguments import add_option, positive, positive_number, seed, whole_number
 from safe_inspect.cli.commands.mission_figures import (
     draw_mission,
     is_mission_source,
@@ -44,66 +45,44 @@ def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
 def add_film_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``film``."""
     _add_episode_arguments(parser, "episode.gif", "film (.gif or .mp4)")
-    parser.add_argument("--frames", type=positive, default=200, metavar="N", help="number of frames (default: 200)")
-    parser.add_argument("--fps", type=positive, default=25, metavar="N", help="frames per second (default: 25)")
-    parser.add_argument("--width", type=positive, default=800, metavar="N", help="width in pixels (default: 800)")
-    parser.add_argument(
-        "--turn", type=float, default=0.0, metavar="DEGREES", help="rotate the camera by this angle over the film"
-    )
+    add_option(parser, "--frames", "N", "number of frames", positive, 200)
+    add_option(parser, "--fps", "N", "frames per second", positive, 25)
+    add_option(parser, "--width", "N", "width in pixels", positive, 800)
+    add_option(parser, "--turn", "DEGREES", "rotate the camera by this angle over the film", float, 0.0)
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``view``."""
     _add_episode_arguments(parser, "episode.html", "page (.html)")
-    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: source and episode)")
+    add_option(parser, "--title", "TEXT", "title of the page (default: source and episode)")
 
 
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``curves``."""
-    parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="folder of a training run, a search or a trial; runs that differ only "
-        "in their seed are one recipe",
-    )  # fmt: skip
-    parser.add_argument(
-        "--label", action="append", default=[], metavar="TEXT", help="label: once for each RUN (runs with equal "
-        "labels are one recipe), or once for each recipe",
-    )  # fmt: skip
-    parser.add_argument(
-        "--recipe",
-        action="append",
-        default=[],
-        nargs="+",
-        metavar="TEXT",
-        help="a label followed by the RUNs of one recipe",
-    )
-    parser.add_argument(
-        "--centre",
-        choices=("mean", "iqm"),
-        default="mean",
-        help="mean or interquartile mean over seeds (default: mean)",
-    )
+    append: dict[str, Any] = {"action": "append", "default": []}
+    runs = "folder of a training run, a search or a trial; runs that differ only in their seed are one recipe"
+    parser.add_argument("runs", nargs="*", metavar="RUN", help=runs)
+    label = "label: once for each RUN (runs with equal labels are one recipe), or once for each recipe"
+    add_option(parser, "--label", "TEXT", label, **append)
+    add_option(parser, "--recipe", "TEXT", "a label followed by the RUNs of one recipe", nargs="+", **append)
+    centre = "mean or interquartile mean over seeds (default: mean)"
+    parser.add_argument("--centre", choices=("mean", "iqm"), default="mean", help=centre)
     parser.add_argument("--each", action="store_true", help="also draw a line for each seed")
-    parser.add_argument(
-        "--output", type=Path, default=Path("curves.png"), metavar="FILE", help="figure (default: curves.png)"
-    )
+    add_option(parser, "--output", "FILE", "figure", Path, Path("curves.png"))
 
 
 def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: str) -> None:
-    parser.add_argument(
-        "source", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, name of a policy, or "
-        "the output of `evaluate --record` or `rendezvous --output`",
+    add_option(
+        parser, "source", "SOURCE", "folder of a checkpoint or a training run, ONNX file, name of a policy, or the "
+        "output of `evaluate --record` or `rendezvous --output`",
     )  # fmt: skip
     add_overrides(parser)
-    parser.add_argument(
-        "--cfg", metavar="FILE", help="experiment file, or id of a task (default: the policy's own task)"
-    )
-    parser.add_argument("--episode", type=_number, default=0, metavar="N", help="number of the episode (default: 0)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
-    parser.add_argument(
-        "--until", type=_seconds, metavar="SECONDS", help="show the episode, or the mission, up to this time"
-    )
+    add_option(parser, "--cfg", "FILE", "experiment file, or id of a task (default: the policy's own task)")
+    add_option(parser, "--episode", "N", "number of the episode", _number, 0)
+    add_option(parser, "--seed", "N", "seed of the episodes", seed, 0)
+    add_option(parser, "--until", "SECONDS", "show the episode, or the mission, up to this time", _seconds)
     default = f"(default: {output}, or mission{Path(output).suffix} of a rendezvous)"
-    parser.add_argument("--output", type=Path, metavar="FILE", help=f"{what} {default}")
+    add_option(parser, "--output", "FILE", f"{what} {default}", Path)
 
 
 def _number(text: str) -> int:

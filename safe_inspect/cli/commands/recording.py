@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from safe_inspect.cli.arguments import add_output_folder, natural, positive_number
+from safe_inspect.cli.arguments import add_option, add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
@@ -28,34 +28,21 @@ def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``record-log``."""
     add_experiment_file(parser)
     add_output_folder(parser, "the log", required=True)
-    parser.add_argument(
-        "--seconds", type=positive_number, default=120.0, metavar="SECONDS", help="length of the log (default: 120)"
-    )
-    parser.add_argument(
-        "--period", type=positive_number, default=1.0, metavar="SECONDS", help="time between two frames (default: 1)"
-    )
-    parser.add_argument(
-        "--mission", type=natural, default=0, metavar="N", help="draw the tumble of mission N (default: 0)"
-    )
+    add_option(parser, "--seconds", "SECONDS", "length of the log", positive_number, 120.0)
+    add_option(parser, "--period", "SECONDS", "time between two frames", positive_number, 1.0)
+    add_option(parser, "--mission", "N", "draw the tumble of mission N", natural, 0)
     parser.add_argument("--images", choices=("npz", "png"), default="npz", help="format of the frames (default: npz)")
 
 
 def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``characterise``."""
-    parser.add_argument("folder", metavar="FOLDER", help="folder of a sensor log")
-    parser.add_argument(
-        "--target",
-        metavar="FILE",
-        help="known target: a YAML file with the key `target`, such as an experiment, or a mesh (STL, PLY or OBJ)",
-    )
-    parser.add_argument(
-        "--front-end", metavar="NAME", help="front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
-    )
-    parser.add_argument(
-        "--pick",
-        metavar="FRAME,COLUMN,ROW,DISTANCE",
-        help="print the mating point at a distance [m] above what a pixel of a frame sees",
-    )
+    add_option(parser, "folder", "FOLDER", "folder of a sensor log")
+    target = "known target: a YAML file with the key `target`, such as an experiment, or a mesh (STL, PLY or OBJ)"
+    add_option(parser, "--target", "FILE", target)
+    front_end = "front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
+    add_option(parser, "--front-end", "NAME", front_end)
+    pick = "print the mating point at a distance [m] above what a pixel of a frame sees"
+    add_option(parser, "--pick", "FRAME,COLUMN,ROW,DISTANCE", pick)
     add_output_folder(parser, "estimate, tables and figure")
 
 

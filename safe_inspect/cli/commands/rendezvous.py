@@ -9,7 +9,7 @@ from typing import TextIO
 
 import numpy as np
 
-from safe_inspect.cli.arguments import add_output_folder, natural
+from safe_inspect.cli.arguments import add_option, add_output_folder, natural
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
@@ -25,9 +25,7 @@ _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rendezvous``."""
     add_experiment_file(parser)
-    parser.add_argument(
-        "--episode", type=natural, default=0, metavar="N", help="fly episode N of an evaluation (default: 0)"
-    )
+    add_option(parser, "--episode", "N", "fly episode N of an evaluation", natural, 0)
     parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")

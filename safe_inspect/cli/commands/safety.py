@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
@@ -23,31 +23,21 @@ from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``safety``."""
     add_experiment_arguments(parser)
-    parser.add_argument(
-        "--steps", type=positive, default=1_000_000, metavar="N", help="number of filtered steps (default: 1000000)"
-    )
-    parser.add_argument(
-        "--num-envs", type=positive, default=1024, metavar="N", help="number of environments (default: 1024)"
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="N", help="seed of initial states and adversaries (default: 0)"
-    )
+    add_option(parser, "--steps", "N", "number of filtered steps", positive, 1_000_000)
+    add_option(parser, "--num-envs", "N", "number of environments", positive, 1024)
+    add_option(parser, "--seed", "N", "seed of initial states and adversaries", seed, 0)
     parser.add_argument("--off", action="store_true", help="switch the filter off; otherwise it is switched on")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the safety quantities of the worst episode")
-    parser.add_argument(
-        "--audit", type=positive, metavar="N",
-        help="start from states near the limits, with this filter and N filters of random parameters and constraints",
-    )  # fmt: skip
+    add_option(parser, "--plot", "FILE", "plot the safety quantities of the worst episode", Path)
+    audits = "start from states near the limits, with this filter and N filters of random parameters and constraints"
+    add_option(parser, "--audit", "N", audits, positive)
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``acceptance``."""
     add_experiment_arguments(parser)
-    parser.add_argument(
-        "--draws", type=positive, default=100_000, metavar="N", help="number of initial states (default: 100000)"
-    )
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the draws (default: 0)")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the drawn and the accepted states")
+    add_option(parser, "--draws", "N", "number of initial states", positive, 100_000)
+    add_option(parser, "--seed", "N", "seed of the draws", seed, 0)
+    add_option(parser, "--plot", "FILE", "plot the drawn and the accepted states", Path)
 
 
 def run_safety(arguments: argparse.Namespace) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.experiment import Experiment, load_experiment
@@ -33,18 +34,11 @@ from safe_inspect.rta.team import TeamSafety
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``train``."""
     add_experiment_arguments(parser, needed=False)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="parent of the run folder (default: output_path of the experiment)",
-    )
-    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="continue the training run in this folder")
-    parser.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="validate, build and step the environment, print its layout, and stop; Ray is not started",
-    )
+    output = "parent of the run folder (default: output_path of the experiment)"
+    add_option(parser, "--output", "FOLDER", output, Path)
+    add_option(parser, "--resume", "FOLDER", "continue the training run in this folder", Path)
+    dry_run = "validate, build and step the environment, print its layout, and stop; Ray is not started"
+    parser.add_argument("--dry-run", action="store_true", help=dry_run)
 
 
 def run_train(arguments: argparse.Namespace) -> int:
