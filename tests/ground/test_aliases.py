@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from safe_inspect.config.models.compat import Provider
 from safe_inspect.config.models.experiment import (
     AgentConfig,
     EntityConfig,
     PlatformConfig,
+    Provider,
     TaskBody,
     TaskConfig,
 )
