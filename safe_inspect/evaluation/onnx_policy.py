@@ -24,8 +24,7 @@ from safe_inspect.evaluation.policy_file import (
     read_file,
 )
 from safe_inspect.evaluation.raw_values import CONTROL_STEPS, element_columns, raw_task
-from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, Hurdle, draw_choices, draw_in_rollout
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Batches are padded to a multiple of this many rows, so that a row's result does not depend on the batch size.

@@ -7,12 +7,11 @@ from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
-from safe_inspect.random.philox import philox4x32
+from safe_inspect.random.streams import philox4x32
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.view import View
 from safe_inspect.types import FloatArray, IntArray
 
-_WORD = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 _DROP = np.uint64(11)  # bits to drop of 64, as a double has 53
 _PURPOSE = np.uint64(0x5C217ED)  # makes these samples independent of others with the episode's key
@@ -31,14 +30,8 @@ def _uniform(key: NDArray[np.uint64], step: IntArray, deputy: IntArray, count: i
     out = np.empty((key.shape[0], count))
     for row in range(key.shape[0]):
         for number in range(count):
-            high, low, _, _ = philox4x32(
-                np.uint64(step[row]) & _WORD,
-                np.uint64(deputy[row]) & _WORD,
-                np.uint64(number),
-                _PURPOSE,
-                key[row] & _WORD,
-                key[row] >> _HALF,
-            )
+            counter = np.uint64(step[row]), np.uint64(deputy[row]), np.uint64(number), _PURPOSE
+            high, low, _, _ = philox4x32(*counter, key[row])
             out[row, number] = ((high << _HALF | low) >> _DROP) * 2.0**-53
     return out
 

@@ -8,8 +8,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.random.action_draws import Categorical
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, Hurdle
 
 pytestmark = pytest.mark.ray
 

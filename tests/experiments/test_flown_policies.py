@@ -24,8 +24,7 @@ from safe_inspect.experiments.modules.loaded_policy import LoadedPolicy, load_po
 from safe_inspect.experiments.modules.policy import TrainedPolicy
 from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
-from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, Hurdle, draw_choices, draw_in_rollout
 
 pytestmark = pytest.mark.ray
 

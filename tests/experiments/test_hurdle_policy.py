@@ -59,8 +59,7 @@ def test_drawn_actions_have_the_density_of_torch():
     import torch
 
     from safe_inspect.experiments.modules.distributions import TorchHurdle
-    from safe_inspect.random.action_draws import draw_in_rollout
-    from safe_inspect.random.hurdle_draws import Hurdle
+    from safe_inspect.random.action_draws import Hurdle, draw_in_rollout
 
     kind = type("Kind", (TorchHurdle,), {"numbers": 3, "choices": 4})
     inputs = np.random.default_rng(0).normal(size=(200, 11)).astype(np.float32)

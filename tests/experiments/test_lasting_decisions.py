@@ -12,8 +12,7 @@ from dummy_environment import ONE, TEAM, DummyTeam
 from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
 from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS
 from safe_inspect.experiments.sampling.sampler import agent_slots
-from safe_inspect.random.action_draws import DrawRows
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import DrawRows, Hurdle
 
 pytestmark = pytest.mark.ray
 

@@ -21,8 +21,7 @@ from safe_inspect.experiments.learning.ppo_kernels import Terms
 from safe_inspect.experiments.learning.ppo_nets import AutogradPass, Net, part_of
 from safe_inspect.experiments.learning.ppo_training import NetTraining, _explained, joined
 from safe_inspect.experiments.modules.distributions import TorchHurdle
-from safe_inspect.random.action_draws import Categorical
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, Hurdle
 
 pytestmark = pytest.mark.ray
 

@@ -17,8 +17,7 @@ from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS
 from safe_inspect.experiments.learning import ppo_kernels as kernels
 from safe_inspect.experiments.learning.ppo_batch import Batch
 from safe_inspect.experiments.learning.ppo_nets import Net
-from safe_inspect.random.action_draws import Categorical
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, Hurdle
 from safe_inspect.types import AnyArray, IntArray
 
 #: Name of a net's part of the total loss.

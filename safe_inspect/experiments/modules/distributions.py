@@ -19,8 +19,7 @@ from ray.rllib.core.distribution.torch.torch_distribution import (
 )
 
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy
-from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, SquashedGaussian
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, Hurdle, SquashedGaussian
 
 
 def distribution_of_module(module: Any) -> Distribution | None:
@@ -62,7 +61,7 @@ class HurdleCatalog(PPOCatalog):  # type: ignore[misc]
 
 
 class TorchHurdle(TorchDistribution):  # type: ignore[misc]
-    """`safe_inspect.random.hurdle_draws.Hurdle` in Torch.
+    """`safe_inspect.random.action_draws.Hurdle` in Torch.
 
     Class attributes:
         numbers: Number of real elements of the action, A.

@@ -21,8 +21,7 @@ from safe_inspect.experiments.files.checkpoints import policy_folder
 from safe_inspect.experiments.files.weights import info_of, read_weights
 from safe_inspect.experiments.modules.distributions import distribution_of_module
 from safe_inspect.experiments.modules.fresh_policy import build_module
-from safe_inspect.random.action_draws import Categorical, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.random.action_draws import Categorical, Hurdle, draw_choices, draw_in_rollout
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
