@@ -10,8 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from safe_inspect.config.loading.includes import places
-from safe_inspect.config.loading.loader import import_plugins, load
+from safe_inspect.config.loading.loader import import_plugins, load, places
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate, with_value
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.config.messages.report import validated

@@ -56,7 +56,7 @@ def test_the_data_of_the_package_come_last(write, monkeypatch):
             "work/a.yml": "p: !include configs/task/ppo.yml\nq: !include task/ppo.yml\n",
         }
     )
-    monkeypatch.setattr("safe_inspect.config.loading.includes.configs_root", lambda: root / "data")
+    monkeypatch.setattr("safe_inspect.config.loading.loader.configs_root", lambda: root / "data")
     monkeypatch.chdir(root / "work")
     assert load("a.yml") == {"p": {"lr": 1e-4}, "q": {"lr": 1e-4}}
     assert load("configs/task/ppo.yml") == {"lr": 1e-4}

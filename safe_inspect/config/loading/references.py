@@ -7,7 +7,6 @@ from typing import Any
 
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text, rewritten
 from safe_inspect.errors import ConfigError, Location, Problem, UnitError, did_you_mean
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.units import unit
 
 STORE = "reference_store"
@@ -102,7 +101,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
 
 def _value(stored: Any, place: Location | None) -> Any:
     """Return the meaning of a stored value; a constant parameter of safe-autonomy-sims becomes its value with units."""
-    if isinstance(stored, Mapping) and _is_constant(stored.get("type")):
+    if isinstance(stored, Mapping) and str(stored.get("type")).rpartition(".")[2] == "ConstantParameter":
         config = stored.get("config")
         if isinstance(config, Mapping) and "value" in config:
             value, units = config["value"], config.get("units")
@@ -111,10 +110,6 @@ def _value(stored: Any, place: Location | None) -> Any:
         stored = rewritten(stored)
         stored.location = place
     return stored
-
-
-def _is_constant(name: Any) -> bool:
-    return isinstance(name, str) and ALIASES.get(name, name).rpartition(".")[2] == "ConstantParameter"
 
 
 def _is_pure(value: Any, units: Any) -> bool:

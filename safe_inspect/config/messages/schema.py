@@ -14,7 +14,6 @@ from safe_inspect.config.models.experiment import (
     PolicyConfig,
     TaskConfig,
 )
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.functor import SCHEMA_KIND, name_key
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
@@ -97,9 +96,7 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
 
 def _name(cls: type[Plugin]) -> dict[str, Any]:
     """Return the schema of the names that refer to a plugin in a configuration."""
-    name = cls.registered_name
-    others = sorted(path for path, alias in ALIASES.items() if alias == name and not path.endswith(f".{name}"))
-    return {"anyOf": [{"const": name}, {"pattern": rf"\.{cls.__name__}$"}, *({"const": other} for other in others)]}
+    return {"anyOf": [{"const": cls.registered_name}, {"pattern": rf"\.{cls.__name__}$"}]}
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:

@@ -14,11 +14,9 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Instanc
 from safe_inspect.dones.time_limit import MAX_HORIZON
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Platform
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.functor import SCHEMA_KIND, Named, build, functor_field
-from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.plugins.registry import registry
-from safe_inspect.plugins.strict_numbers import StrictNumbers
+from safe_inspect.plugins.plugin import Plugin, StrictNumbers
+from safe_inspect.plugins.registry import own_name, registry
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.units import PositiveFrequency
@@ -43,13 +41,13 @@ def _named_field(kind: str) -> Any:
 
 
 def _one_of(*names: str) -> Any:
-    """Return a field type for a class name of which this package supports only some; aliases are accepted."""
+    """Return a field type for a class name of which only some are supported; a module before it has no effect."""
 
     def check(value: str) -> str:
-        name = ALIASES.get(value, value)
-        if name.rpartition(".")[2] not in names and name not in names:
-            raise ValueError(f"unknown class {value!r}; {did_you_mean(name.rpartition('.')[2], names)}")
-        return name.rpartition(".")[2]
+        name = value.rpartition(".")[2]
+        if name not in names:
+            raise ValueError(f"unknown class {value!r}; {did_you_mean(name, names)}")
+        return name
 
     return Annotated[str, AfterValidator(check)]
 
@@ -106,7 +104,7 @@ def _is_a_point(name: str) -> str:
 
 def _has_an_entity(name: str) -> str:
     known = [other for other, cls in registry.items("component") if cls.entity]
-    name = ALIASES.get(name, name)
+    name = own_name(name)
     try:
         cls = registry.get("component", name)
     except RegistryError:
