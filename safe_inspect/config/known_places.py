@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
-from safe_inspect.config.loading.located import LocatedDict, has, value_at, with_value
+from safe_inspect.config.loading.located import LocatedDict, has, rewritten, value_at, with_value
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys, plugin_of
 
@@ -32,6 +32,18 @@ def with_empty_mappings(tree: Any) -> Any:
         if not value_at(tree, path) and isinstance(value_at(tree, path[:-1]), Mapping):
             tree = with_value(tree, path, LocatedDict(), None)
     return tree
+
+
+def with_configs(node: Any) -> Any:
+    """Return a tree with an empty `config` for each plugin that has none."""
+    if isinstance(node, list):
+        return rewritten(node, map(with_configs, node))
+    if not isinstance(node, Mapping):
+        return node
+    filled = {key: with_configs(value) for key, value in node.items()}
+    if filled.get("config") is None and plugin_of(node) is not None:
+        filled["config"] = LocatedDict()
+    return rewritten(node, filled)
 
 
 def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:

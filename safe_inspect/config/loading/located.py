@@ -115,12 +115,12 @@ def rewritten(source: Any, items: Any = None) -> Any:
 
 
 def with_value(tree: Any, path: KeyPath, value: Any, location: Location | None) -> Any:
-    """Return the tree with another value at a path; only the containers on the path are copied."""
+    """Return the tree with another value at a path; missing mappings are added, containers on the path are copied."""
     if not path:
         return value
     key, rest = path[0], path[1:]
-    copied = rewritten(tree)
-    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
+    copied = rewritten(LocatedDict() if tree is None else tree)
+    copied[key] = with_value(tree[key] if has(tree, key) else None, rest, value, location)
     if not rest and location is not None:
         copied.marks.pop(key, None)  # so that the newest key comes last
         copied.marks[key] = location
