@@ -100,12 +100,12 @@ _COMMANDS = {
         "safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission",
     ),
     "record-log": _Command(
-        "recording", "record depth images and inertial samples of a simulated tumbling target",
+        "rendezvous", "record depth images and inertial samples of a simulated tumbling target",
         "The log is the input of `characterise`; docs/rendezvous.md describes its format.",
         "safe-inspect record-log configs/tumbling-rendezvous/experiment.yml --output output/log --seconds 30",
     ),
     "characterise": _Command(
-        "recording", "estimate from a sensor log how a target tumbles",
+        "rendezvous", "estimate from a sensor log how a target tumbles",
         "Works on simulated logs and on your own, with or without a model of the target.",
         "safe-inspect characterise output/log --target configs/tumbling-rendezvous/experiment.yml",
     ),

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.loading.loader import parse
-from safe_inspect.config.messages.messages import functor_mistakes
+from safe_inspect.config.messages.report import functor_mistakes
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from safe_inspect.random.balls import draw_normals
+from safe_inspect.random.splitmix import draw_normals
 from safe_inspect.simulators.arrays import Array, read_only
 from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.missing import missing

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import leaderboard, mission_figures, recording
+from safe_inspect.cli.commands import leaderboard, mission_figures, rendezvous
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.baselines import OPTIMISER
 
@@ -156,21 +156,21 @@ def test_a_log_is_characterised_and_its_estimate_written(
     typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, shown: str
 ) -> None:
     used: list[Any] = []
-    monkeypatch.setattr(recording, "read_sensor_log", lambda folder: [folder])
-    monkeypatch.setattr(recording, "check_log", lambda log: ["doubt"])
-    monkeypatch.setattr(recording, "read_target", lambda path: f"target of {path}")
-    monkeypatch.setattr(recording, "PipelineEstimator", lambda front_end: type(front_end).__name__)
+    monkeypatch.setattr(rendezvous, "read_sensor_log", lambda folder: [folder])
+    monkeypatch.setattr(rendezvous, "check_log", lambda log: ["doubt"])
+    monkeypatch.setattr(rendezvous, "read_target", lambda path: f"target of {path}")
+    monkeypatch.setattr(rendezvous, "PipelineEstimator", lambda front_end: type(front_end).__name__)
     monkeypatch.setattr(
-        recording, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
+        rendezvous, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
     )
-    monkeypatch.setattr(recording, "estimate_table", lambda summary: f"table of {summary}")
-    monkeypatch.setattr(recording, "summary_of", lambda log, estimate: (log, estimate))
-    monkeypatch.setattr(recording, "pick_point", lambda log, *picked: f"above {picked}")
-    monkeypatch.setattr(recording, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
-    monkeypatch.setattr(recording, "mating_point_text", lambda point: f"point of {point}")
-    monkeypatch.setattr(recording, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
-    monkeypatch.setattr(recording, "estimate_figure", lambda log, estimate: "figure")
-    monkeypatch.setattr(recording, "save", lambda figure, path: path.write_text(figure))
+    monkeypatch.setattr(rendezvous, "estimate_table", lambda summary: f"table of {summary}")
+    monkeypatch.setattr(rendezvous, "summary_of", lambda log, estimate: (log, estimate))
+    monkeypatch.setattr(rendezvous, "pick_point", lambda log, *picked: f"above {picked}")
+    monkeypatch.setattr(rendezvous, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
+    monkeypatch.setattr(rendezvous, "mating_point_text", lambda point: f"point of {point}")
+    monkeypatch.setattr(rendezvous, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
+    monkeypatch.setattr(rendezvous, "estimate_figure", lambda log, estimate: "figure")
+    monkeypatch.setattr(rendezvous, "save", lambda figure, path: path.write_text(figure))
     code, out, err = typed("characterise", "log", *words)
     assert (code, out) == (0, f"table of (['log'], 'found')\n{shown}")
     assert err.splitlines()[1] == "warning: doubt"

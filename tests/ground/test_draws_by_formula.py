@@ -20,8 +20,7 @@ from safe_inspect.random.action_draws import (
     draw_in_rollout,
     log_logistic,
 )
-from safe_inspect.random.balls import draw_in_ball, uniform_at
-from safe_inspect.random.splitmix import mix, next_uniform, pick_below
+from safe_inspect.random.splitmix import draw_in_ball, mix, next_uniform, pick_below, uniform_at
 
 WORD, WORDS = 2**32, 2**64
 WEYL = 0x9E3779B97F4A7C15

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.messages.messages import text_of
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem, text_of
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from safe_inspect.config.keys.other_words import key_hint
+from safe_inspect.config.keys.old_keys import key_hint
 from safe_inspect.config.keys.rllib_keys import Key
 from safe_inspect.errors import Problem
 from safe_inspect.experiments.settings.values import check_value, is_searched

@@ -11,9 +11,8 @@ from typing import Any
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
-from safe_inspect.config.keys.other_words import key_hint
-from safe_inspect.config.keys.rllib_keys import Key
-from safe_inspect.config.keys.rllib_release import keys_of_release
+from safe_inspect.config.keys.old_keys import key_hint
+from safe_inspect.config.keys.rllib_keys import Key, keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.capabilities import choose_fast_paths
 from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.errors import ArgumentError
-from safe_inspect.random.balls import normal_at
+from safe_inspect.random.splitmix import normal_at
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OwnOfView
 from safe_inspect.simulators.state import State

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
-from safe_inspect.random.balls import draw_in_ball, uniform_at
+from safe_inspect.random.splitmix import draw_in_ball, uniform_at
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Indices of the samples of one deputy.

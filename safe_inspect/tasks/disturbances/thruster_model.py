@@ -12,7 +12,7 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.errors import ArgumentError
-from safe_inspect.random.balls import uniform_at
+from safe_inspect.random.splitmix import uniform_at
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
 from safe_inspect.simulators.state import State

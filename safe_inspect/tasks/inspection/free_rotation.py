@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, model_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
-from safe_inspect.random.balls import uniform_at
+from safe_inspect.random.splitmix import uniform_at
 from safe_inspect.types import AnyArray, FloatArray
 from safe_inspect.units import NonNegativeAngularRate, PositiveMomentOfInertia
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.random.balls import uniform_at
+from safe_inspect.random.splitmix import uniform_at
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
