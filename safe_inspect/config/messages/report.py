@@ -96,13 +96,16 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
 
 
+def functor_problems(error: PydanticCustomError) -> Iterator[tuple[KeyTuple, str]]:
+    """Yield path and description of each mistake in an error of `safe_inspect.plugins.functor.build`."""
+    for problem in (error.context or {})["errors"]:
+        yield tuple(problem["loc"]), text_of(problem)
+
+
 def functor_mistakes(error: PydanticCustomError) -> str:
     """Return the mistakes of a functor without a file, from the error of `safe_inspect.plugins.functor.build`."""
-    texts = []
-    for problem in (error.context or {})["errors"]:
-        where = ".".join(map(str, problem["loc"]))
-        texts.append(f"{where}: {text_of(problem)}" if where else text_of(problem))
-    return "; ".join(texts)
+    texts = [(".".join(map(str, where)), text) for where, text in functor_problems(error)]
+    return "; ".join(f"{where}: {text}" if where else text for where, text in texts)
 
 
 def shown(value: Any) -> str:
@@ -131,6 +134,29 @@ def _nearest(error: Mapping[str, Any], given: Any) -> str:
 KeyTuple = tuple[Any, ...]
 #: Function that is called with the path and the message of a problem.
 ReportProblem = Callable[[KeyTuple, str], None]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A position in a configuration, at which mistakes are reported.
+
+    Attributes:
+        add: Function that is called with the path and the message of every mistake.
+        path: The path of the position.
+    """
+
+    add: ReportProblem
+    path: KeyTuple = ()
+
+    def at(self, *keys: Any) -> Place:
+        """Return a position inside this one."""
+        return Place(self.add, (*self.path, *keys))
+
+    def report(self, message: str, *keys: Any) -> None:
+        """Report a mistake here, or at a position inside this one."""
+        self.add((*self.path, *keys), message)
+
+
 #: Path of the environment in an experiment.
 ENVIRONMENT_PATH: KeyTuple = ("config", "config", "env_config")
 
