@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import os
 import re
 import signal
@@ -21,6 +22,7 @@ from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_me
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
+EXIT_CODES = "Exit codes: 0 success; 1 negative result; 2 mistake in the input; 128 + N after signal N (130: Ctrl-C)."
 _USER_ERROR = 2
 _PACKAGE = os.path.dirname(os.path.dirname(__file__)) + os.sep
 #: Names of parsed arguments that are not options.
@@ -32,13 +34,14 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         command: A module of `cli.commands` and the name of a command in it, whose arguments are added by
-            ``add_NAME_arguments`` and which ``run_NAME`` runs. The module is imported when a command line is parsed, so
-            that other commands and the list of commands do not import it. None for a parser with subcommands.
+            ``add_NAME_arguments`` and which ``run_NAME`` runs; the docstring of the latter is the help of the command.
+            The module is imported when a command line is parsed, so that other commands and the list of commands do
+            not import it. None for a parser with subcommands.
         options: Keyword arguments of `argparse.ArgumentParser`.
     """
 
     def __init__(self, *, command: tuple[str, str] | None = None, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
         self._command = command
 
     def load(self) -> None:
@@ -46,9 +49,12 @@ class Parser(argparse.ArgumentParser):
         if self._command is None:
             return
         (module, name), self._command = self._command, None
-        commands, name = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
-        getattr(commands, f"add_{name}_arguments")(self)
-        self.set_defaults(run=getattr(commands, f"run_{name}"))
+        commands, function = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
+        run = getattr(commands, f"run_{function}")
+        getattr(commands, f"add_{function}_arguments")(self)
+        self.set_defaults(run=run)
+        self.description, _, example = (inspect.getdoc(run) or "").partition("\n\nExample:\n")
+        self.epilog = f"Example:\n{example}\n\n{EXIT_CODES}\nDocumentation: docs/cli.md#{name}"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Load the command, then parse."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from training_values import MAKER
 
-from safe_inspect.config.keys import old_keys, rllib_release, run_keys
+from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_rllib, translate_tune
@@ -127,7 +127,7 @@ def test_the_names_of_the_release_are_those_of_the_installed_one(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts"))
     from rllib_keys import names_of_release
 
-    assert json.loads(rllib_release.RELEASE.read_text(encoding="utf-8")) == names_of_release()
+    assert json.loads(keys.RELEASE.read_text(encoding="utf-8")) == names_of_release()
 
 
 def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
@@ -136,7 +136,7 @@ def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
     assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
-    monkeypatch.setattr(rllib_release, "_installed", lambda: "another release")
+    monkeypatch.setattr(keys, "_installed", lambda: "another release")
     bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
     with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
         build_config(bad, environment_settings({}, bad.settings, maker=MAKER))

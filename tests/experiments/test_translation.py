@@ -10,7 +10,7 @@ import yaml
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys import rllib_release
+from safe_inspect.config.keys import rllib_keys
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -190,11 +190,11 @@ def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, k
     (problem,) = translate_rllib({"algorithm": algorithm, key: 0.25}).problems
     assert problem.message == f"there is no key `{key}`"
     assert f"`{meant}`" in problem.hint
-    monkeypatch.setattr(rllib_release, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
+    monkeypatch.setattr(rllib_keys, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
     found = translate_rllib({"algorithm": algorithm, key: 0.25})
     assert found.unchecked == [key]
     assert not found.problems
-    monkeypatch.setattr(rllib_release, "_installed", lambda: None)
+    monkeypatch.setattr(rllib_keys, "_installed", lambda: None)
     assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
 
 

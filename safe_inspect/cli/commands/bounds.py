@@ -29,7 +29,13 @@ def add_bounds_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bounds(arguments: argparse.Namespace) -> int:
-    """Print the disturbances; return 1 if a filter does not tolerate them."""
+    """Print what disturbs the motion that the safety filter assumes, and whether that is tolerated.
+
+    Orbits, thrusters and estimates declare bounds, which are added up; exits with 1 if the filter needs more.
+
+    Example:
+        safe-inspect bounds configs/translational-inspection/experiment-burn-and-coast-orbits.yml
+    """
     experiment, problems = _load(arguments)
     refused = {problem.path.partition(".")[0] for problem in problems}
     found = list(_filters(experiment))

@@ -54,7 +54,13 @@ def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print the tasks, the shipped policies, or plugins."""
+    """List tasks, policies, or plugins with their fields, defaults and units.
+
+    Without arguments it lists the plugins of every kind.
+
+    Example:
+        safe-inspect list reward ObservedPointsReward
+    """
     lists = {"tasks": _tasks, "policies": _policies}
     if arguments.kind in lists:
         if arguments.name is not None:
@@ -92,7 +98,13 @@ def _policies() -> str:
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
-    """Check an experiment file, which may be one of a rendezvous."""
+    """Check an experiment file without loading Ray.
+
+    All mistakes are reported together, each with file, line and a suggestion.
+
+    Example:
+        safe-inspect validate configs/docking/experiment.yml lr=1e-4
+    """
     if is_rendezvous(arguments.cfg):
         rendezvous = load_rendezvous(arguments.cfg, arguments.overrides)
         print_doubts(check_scenario(rendezvous))
@@ -117,7 +129,13 @@ def _is_in(problem: Problem, file: str) -> bool:
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
-    """Print the schema of a kind of file."""
+    """Write the JSON schema of a configuration file, for editors.
+
+    Editors use it for completion and for checks while you type.
+
+    Example:
+        safe-inspect schema agent --output agent.schema.json
+    """
     if arguments.file not in _SCHEMAS:
         raise ConfigError(f"there is no kind of file {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
     text = json.dumps(model_schema(_SCHEMAS[arguments.file]), indent=2, sort_keys=True)

@@ -78,7 +78,13 @@ def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_evaluate(arguments: argparse.Namespace) -> int:
-    """Evaluate every source and print its table."""
+    """Run episodes of policies and print what they achieve.
+
+    An interrupted evaluation with --output continues where it stopped.
+
+    Example:
+        safe-inspect evaluate --policy docking --episodes 100 --output results/docking
+    """
     sources = _sources(arguments)
     if not sources and not (arguments.cfg is not None and is_rendezvous(arguments.cfg)):
         if arguments.cfg is not None:
@@ -117,7 +123,13 @@ def _print_tables(found: Sequence[Evaluation]) -> None:
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
-    """Print a comparison of evaluations of the same episodes."""
+    """Compare policies on the same episodes.
+
+    Differences are paired by episode and have bootstrap intervals.
+
+    Example:
+        safe-inspect compare results/docking zero-thrust
+    """
     sources = _sources(arguments)
     if len(sources) < 2:
         twice = len(arguments.words) + len(arguments.policy) - len(arguments.overrides) > 1

@@ -27,7 +27,13 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Write the file and print its largest difference from the checkpoint."""
+    """Write a trained policy as an ONNX file.
+
+    The file contains the network, the normalizers and the configuration.
+
+    Example:
+        safe-inspect export output/RUN --output policy.onnx
+    """
     if arguments.output is not None:
         check_ending(arguments.output, [".onnx"], "policy file")
     if arguments.overrides and arguments.cfg is None:

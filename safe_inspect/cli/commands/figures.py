@@ -94,7 +94,13 @@ def _seconds(text: str) -> float:
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
-    """Draw a figure of one episode or one mission."""
+    """Draw an episode: the trajectory and its quantities over time.
+
+    Writes a PNG, PDF or SVG file.
+
+    Example:
+        safe-inspect draw inspector --seed 1 --output episode.png
+    """
     is_mission = _prepare(arguments, "png", FIGURE_ENDINGS, "figure")
     require_matplotlib()
     if is_mission:
@@ -105,7 +111,13 @@ def run_draw(arguments: argparse.Namespace) -> int:
 
 
 def run_film(arguments: argparse.Namespace) -> int:
-    """Write an animation of one episode or one mission."""
+    """Write an animation of an episode (GIF or MP4).
+
+    MP4 needs the extra [film].
+
+    Example:
+        safe-inspect film inspector --seed 1 --output episode.gif
+    """
     is_mission = _prepare(arguments, "gif", _FILMS, "film")
     require_matplotlib()
     if not 2 <= arguments.frames <= 20_000 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
@@ -125,7 +137,13 @@ def run_film(arguments: argparse.Namespace) -> int:
 
 
 def run_view(arguments: argparse.Namespace) -> int:
-    """Write the page of one episode or one mission."""
+    """Write an episode as an interactive HTML page.
+
+    The page opens without a server and without a network.
+
+    Example:
+        safe-inspect view inspector --seed 1 --output episode.html
+    """
     if _prepare(arguments, "html", _PAGES, "page"):
         return view_mission(arguments)
     episode, task = _episode(arguments)
@@ -137,7 +155,13 @@ def run_view(arguments: argparse.Namespace) -> int:
 
 
 def run_curves(arguments: argparse.Namespace) -> int:
-    """Draw the learning curves of runs."""
+    """Draw learning curves with bands over training seeds.
+
+    Runs that differ only in their seed become one curve.
+
+    Example:
+        safe-inspect curves output/RUN_1 output/RUN_2 --output curves.png
+    """
     check_ending(arguments.output, FIGURE_ENDINGS, "figure")
     runs = arguments.runs
     if len(runs) > 1 and not arguments.label:  # as in `curves output/*`

@@ -66,7 +66,13 @@ class _Entry:
 
 
 def run_leaderboard(arguments: argparse.Namespace) -> int:
-    """Run every row without a stored result, and write the page."""
+    """Run baselines, trained policies and yours on the same episodes, and write a table.
+
+    Rows that have not changed since the last call are not run again.
+
+    Example:
+        safe-inspect leaderboard --episodes 100 --output leaderboard.md
+    """
     leaderboard = read_leaderboard(arguments.files or [configs_root() / "leaderboard.yml"])
     titles = [board.title for board in leaderboard.boards]
     for title in arguments.board:

@@ -42,7 +42,13 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_rendezvous(arguments: argparse.Namespace) -> int:
-    """Run one mission and print its table; return 1 if it has failed."""
+    """Fly to a point on a tumbling target.
+
+    Prints the course of the mission and its result; exits with 1 if it has failed. `evaluate` flies many.
+
+    Example:
+        safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission
+    """
     if arguments.missions is not None:
         raise SafeInspectError(
             f"--missions has been removed; run several with `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
@@ -129,7 +135,13 @@ def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_record_log(arguments: argparse.Namespace) -> int:
-    """Record the sensors during a simulated observation of a target."""
+    """Record depth images and inertial samples of a simulated tumbling target.
+
+    The log is the input of `characterise`; docs/rendezvous.md describes its format.
+
+    Example:
+        safe-inspect record-log configs/tumbling-rendezvous/experiment.yml --output output/log --seconds 30
+    """
     print_loading()
     experiment = load_rendezvous(arguments.cfg, arguments.overrides)
     print_doubts(check_scenario(experiment))
@@ -149,7 +161,13 @@ def run_record_log(arguments: argparse.Namespace) -> int:
 
 
 def run_characterise(arguments: argparse.Namespace) -> int:
-    """Estimate the tumbling motion of a target, and write and print the results."""
+    """Estimate from a sensor log how a target tumbles.
+
+    Works on simulated logs and on your own, with or without a model of the target.
+
+    Example:
+        safe-inspect characterise output/log --target configs/tumbling-rendezvous/experiment.yml
+    """
     print_loading()
     log = read_sensor_log(arguments.folder)
     print_doubts(check_log(log))

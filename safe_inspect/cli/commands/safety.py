@@ -41,7 +41,13 @@ def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_safety(arguments: argparse.Namespace) -> int:
-    """Print the safety report; return 1 if a constraint was violated."""
+    """Run adversaries against the safety filter and count violations.
+
+    Constraints are checked at the steps and at moments between them; exits with 1 if one was violated.
+
+    Example:
+        safe-inspect safety configs/docking/experiment.yml --steps 20000
+    """
     if arguments.audit is not None:
         return _run_audit(arguments)
     _check_plot(arguments)
@@ -79,7 +85,14 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 
 
 def run_acceptance(arguments: argparse.Namespace) -> int:
-    """Print the acceptance rates."""
+    """Print the share of random initial states that is safe.
+
+    It also prints which constraint refuses the others, which of them `alone`, and how many have no backup plan
+    (`recoverable`).
+
+    Example:
+        safe-inspect acceptance configs/translational-inspection/experiment.yml
+    """
     _check_plot(arguments)
     spec = _load(arguments).spec
     found = acceptance(spec, arguments.draws, arguments.seed)

@@ -42,7 +42,13 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_train(arguments: argparse.Namespace) -> int:
-    """Start a training, continue one, or only try the experiment out."""
+    """Train a policy; the same as python -m safe_inspect.train_rl.
+
+    Progress, checkpoints, progress.csv and TensorBoard logs go to a new run folder.
+
+    Example:
+        safe-inspect train configs/docking/experiment-recipe.yml lr=1e-4
+    """
     cfg = arguments.cfg
     if cfg is None and arguments.resume is not None:
         cfg = open_run_folder(arguments.resume).configuration
