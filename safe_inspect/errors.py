@@ -26,18 +26,16 @@ class SafeInspectError(Exception):
 
 @dataclass(frozen=True)
 class Location:
-    """A position in a configuration file; lines and columns count from 1.
+    """A position in a configuration file; lines count from 1.
 
     Attributes:
         file: The file, or another source such as ``command line``.
         line: The line; 0 if `text` describes the position.
-        column: The column.
         text: The text that was given, for a source without lines.
     """
 
     file: str
     line: int
-    column: int = 1
     text: str = ""
 
     def __str__(self) -> str:
@@ -53,14 +51,12 @@ class Problem:
         path: The path of keys, such as ``rewards[0].config.scael``; empty for a whole file.
         location: Its position, if it is in a file.
         hint: What to do; empty if the message contains it.
-        ambiguous: Whether a name has several meanings, which the hint lists.
     """
 
     message: str
     path: str = ""
     location: Location | None = None
     hint: str = ""
-    ambiguous: bool = False
 
     def __str__(self) -> str:
         after = ": " if self.location and self.location.text else " "  # an override needs a colon before the path

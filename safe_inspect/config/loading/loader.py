@@ -48,33 +48,23 @@ def _similar_file(name: str, tried: list[Path], including: Path | None) -> str:
     """Return a suggestion for the name of a file that was not found; empty if no name is similar."""
     if including is not None and not name.startswith(".") and os.path.isfile(including.parent / name):
         return f"to include the file next to this one, write `./{name}`"
+    written = Path(name).parts
     for place in tried:
-        near = _near(place, including)
-        if near is not None:
-            rest = len(place.parts) - len(near.parts)
-            written = Path(name).parts
-            start = len(written) - rest - 1
-            if start >= 0:
-                lead = "./" if name.startswith("./") else ""
-                spelled = Path(*written[:start], near.name, *written[start + 1 :]).as_posix()
-                return f"did you mean `{lead}{spelled}`?"
+        missing = place
+        while missing != missing.parent and not os.path.isdir(missing.parent):  # also for names that are too long
+            missing = missing.parent
+        try:
+            entries = [entry for entry in os.scandir(missing.parent) if entry.is_file() == (missing == place)]
+        except OSError:
+            continue
+        names = [entry.name for entry in entries if Path(entry) != including]
+        near = difflib.get_close_matches(missing.name, names, n=1)
+        start = len(written) - 1 - len(place.parts) + len(missing.parts)
+        if near and start >= 0:
+            lead = "./" if name.startswith("./") else ""
+            spelled = Path(*written[:start], near[0], *written[start + 1 :]).as_posix()
+            return f"did you mean `{lead}{spelled}`?"
     return ""
-
-
-def _near(place: Path, but: Path | None) -> Path | None:
-    """Return the existing file or folder, other than a given one, whose name is most similar to what is missing."""
-    missing = place
-    while not os.path.isdir(missing.parent):  # also for names that are too long
-        if missing.parent == missing:
-            return None
-        missing = missing.parent
-    last = missing == place
-    try:
-        names = [entry.name for entry in os.scandir(missing.parent) if entry.is_file() == last and Path(entry) != but]
-    except OSError:
-        return None
-    near = difflib.get_close_matches(missing.name, names, n=1, cutoff=0.6)
-    return missing.parent / near[0] if near else None
 
 
 def display_path(path: Path) -> str:
@@ -242,7 +232,7 @@ class _Loading:
             return self._wrong("the file is empty", Location(file, 1), "write a mapping, or `{}` for an empty one")
 
         def place(mark: Any) -> Location:
-            return Location(file, mark.line + 1, mark.column + 1)
+            return Location(file, mark.line + 1)
 
         return Constructor(place, self.include, self.problems).document(node)
 
