@@ -51,12 +51,14 @@ class Problem:
         path: The path of keys, such as ``rewards[0].config.scael``; empty for a whole file.
         location: Its position, if it is in a file.
         hint: What to do; empty if the message contains it.
+        ambiguous: Whether a name has several meanings, which the hint lists.
     """
 
     message: str
     path: str = ""
     location: Location | None = None
     hint: str = ""
+    ambiguous: bool = False
 
     def __str__(self) -> str:
         after = ": " if self.location and self.location.text else " "  # an override needs a colon before the path

@@ -137,7 +137,7 @@ def _several(tree: Any, parts: list[str], found: list[Found], text: str, locatio
     if not more and text and len(numbers) == 1 and None not in numbers:
         hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
     message = f"`{'.'.join(parts)}` fits {len(found)} places"
-    return Problem(message, location=location, hint=hint)
+    return Problem(message, location=location, hint=hint, ambiguous=True)
 
 
 def _existing(tree: Any, parts: list[str]) -> list[Found]:

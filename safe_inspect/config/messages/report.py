@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
@@ -55,11 +56,6 @@ _PATTERNS = {
 
 #: Suffixes of errors about a value of another type, which may match another member of a union.
 _OTHER_KIND = ("_type", "_parsing", "_required", "int_from_float", "literal_error", "enum")
-
-
-def is_of_other_kind(error: Mapping[str, Any]) -> bool:
-    """Return whether an error is about a value of another type than that of the field."""
-    return str(error["type"]).endswith(_OTHER_KIND)
 
 
 def wanted(error: Mapping[str, Any]) -> str:
@@ -206,18 +202,18 @@ class _Label:
     text: str
 
 
-@dataclass(frozen=True)
-class _Fault:
+class _Fault(NamedTuple):
     """An error with its path; `rest` starts with the first label of a union, if there is one."""
 
     path: tuple[Any, ...]
     rest: tuple[Any, ...]
     error: dict[str, Any]
 
-    def next_union(self) -> _Fault:
-        """Return the error with the path extended to the next label, or to the end."""
-        count = next((i for i, step in enumerate(self.rest) if isinstance(step, _Label)), len(self.rest))
-        return _Fault(self.path + self.rest[:count], self.rest[count:], self.error)
+
+def _next_union(fault: _Fault) -> _Fault:
+    """Return an error with the path extended to the next label, or to the end."""
+    count = next((i for i, step in enumerate(fault.rest) if isinstance(step, _Label)), len(fault.rest))
+    return _Fault(fault.path + fault.rest[:count], fault.rest[count:], fault.error)
 
 
 def _steps(loc: Sequence[Any], node: Any) -> Iterator[Any]:
@@ -233,15 +229,12 @@ def _steps(loc: Sequence[Any], node: Any) -> Iterator[Any]:
 def _without_unions(faults: list[_Fault]) -> list[_Fault]:
     """Reduce the errors of a union's members to those of the intended member, or to one."""
     kept: list[_Fault] = []
-    unions: dict[tuple[Any, ...], dict[str, list[_Fault]]] = {}
-    for fault in (fault.next_union() for fault in faults):
-        if not fault.rest:
-            kept.append(fault)
-            continue
-        if fault.path not in unions:
-            unions[fault.path] = {}
-        label = fault.rest[0].text
-        unions[fault.path].setdefault(label, []).append(_Fault(fault.path, fault.rest[1:], fault.error))
+    unions: dict[tuple[Any, ...], dict[str, list[_Fault]]] = defaultdict(lambda: defaultdict(list))
+    for path, rest, error in map(_next_union, faults):
+        if rest:
+            unions[path][rest[0].text].append(_Fault(path, rest[1:], error))
+        else:
+            kept.append(_Fault(path, rest, error))
     for path, members in unions.items():
         kept += _meant(path, [_without_unions(member) for member in members.values()])
     return kept
@@ -256,7 +249,7 @@ def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
     fitting = [
         member
         for member in members
-        if not any(fault.path == path and is_of_other_kind(fault.error) for fault in member)
+        if not any(fault.path == path and fault.error["type"].endswith(_OTHER_KIND) for fault in member)
     ]
     if fitting:
         return min(fitting, key=len)
