@@ -12,7 +12,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -194,8 +194,7 @@ def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "")
 
 def print_loading() -> None:
     """Print to standard error that a command with missions needs some time before it starts."""
-    with suppress(OSError):
-        print("loading; the first run on a machine compiles for a minute", file=sys.stderr, flush=True)
+    print_error("loading; the first run on a machine compiles for a minute")
 
 
 @contextmanager
@@ -225,8 +224,7 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
         with handled(), _plain_warnings(), lasting_streams():
             arguments = parse_arguments(parser, argv)
             _check_working_directory()
-            code: int = arguments.run(arguments)
-            return code
+            return int(arguments.run(arguments))
     except SafeInspectError as error:
         print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
         return _USER_ERROR

@@ -85,23 +85,17 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
     lead = filters.get(0)
     if lead is not None:
         reset = replace(reset, parameters=_sampled_with(reset, lead))
-    tests: list[TeamTest] = []
     others = {index: glue.for_starts() for index, glue in filters.items() if glue != lead}
-    if others:
-        tests.append(partial(_own_refusals, others))
-    if environment.rta is not None and environment.rta.enabled:
-        tests.append(partial(_team_refusals, environment.rta))
-    collisions = [
-        named.functor.safety_constraint
-        for named in environment.dones.shared
-        if isinstance(named.functor, CollisionDoneFunction)
-    ]
+    tests: list[TeamTest] = [partial(_own_refusals, others)] if others else []
+    shared = [named.functor for named in environment.dones.shared]
+    collisions = [done.safety_constraint for done in shared if isinstance(done, CollisionDoneFunction)]
     watches = [
         partial(_warn_of_starts, (agents[index].platform,), glue.for_starts())
         for index, glue in filters.items()
         if not _tested(reset, agents[index].platform, by_own=index == 0)
     ]
     if environment.rta is not None and environment.rta.enabled:
+        tests.append(partial(_team_refusals, environment.rta))
         names = tuple(agent.platform for agent in agents)
         if not all(_tested(reset, name, by_own=False) for name in names):
             watches.append(partial(_warn_of_starts, names, environment.rta))
@@ -192,15 +186,9 @@ def policies_of(config: ExperimentConfig, root: Place) -> dict[str, PolicySpec]:
     found = {}
     for name, group in flown.items():
         _check_shared(name, group, entries)
-        policy = group[0][2]
-        found[name] = PolicySpec(
-            name,
-            tuple(entry.name for _, entry, _ in group),
-            policy.algorithm,
-            dict(policy.config),
-            policy.checkpoint,
-            policy.policy,
-        )
+        agents, policy = tuple(entry.name for _, entry, _ in group), group[0][2]
+        given = policy.algorithm, dict(policy.config), policy.checkpoint, policy.policy
+        found[name] = PolicySpec(name, agents, *given)
     algorithms = list(dict.fromkeys(policy.algorithm for policy in found.values() if policy.trains))
     for group in flown.values():
         for index, _, policy in group:
