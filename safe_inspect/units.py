@@ -116,9 +116,8 @@ def to_si(value: Any, symbol: str) -> Any:
         match = _QUANTITY.match(value)
         if match is None:
             raise UnitError(f"{value!r} is not a quantity; write a number in {symbol or 'no unit'}, or '1.5 {symbol}'")
-        number, name = float(match[1]), match[2]
-        return number * factor(name, symbol) if name else number
-    if isinstance(value, Mapping):
+        number, name = float(match[1]), match[2] or None
+    elif isinstance(value, Mapping):
         unknown = set(value) - {"value", "units", "name"}
         if unknown or "value" not in value:
             raise UnitError(f"a quantity must have the keys `value` and `units`, not {sorted(map(str, value))}")
@@ -126,8 +125,9 @@ def to_si(value: Any, symbol: str) -> Any:
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise UnitError(f"the value {number!r} is not a number")
         name = value.get("units")
-        return float(number) * factor(str(name), symbol) if name is not None else float(number)
-    return value
+    else:
+        return value
+    return float(number) if name is None else float(number) * factor(str(name), symbol)
 
 
 def _describe(symbol: str) -> str:

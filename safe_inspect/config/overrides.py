@@ -26,7 +26,7 @@ from safe_inspect.config.known_places import (
     with_empty_mappings,
 )
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
-from safe_inspect.config.loading.located import LocatedList, locate, rewritten, value_at, with_value
+from safe_inspect.config.loading.located import locate, marked, rewritten, value_at, with_marks, with_value
 from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys
@@ -206,10 +206,9 @@ def _removed(tree: Any, path: Found) -> Any:
         del rest[path[-1]]
         rest.marks.pop(path[-1], None)
     else:
-        kept = [index for index in range(len(holder)) if index != path[-1]]
-        marks = getattr(holder, "marks", {})
-        marks = {new: marks[old] for new, old in enumerate(kept) if old in marks}
-        rest = LocatedList([holder[index] for index in kept], marks, getattr(holder, "location", None))
+        pairs = marked(holder)
+        del pairs[path[-1]]
+        rest = with_marks(pairs, getattr(holder, "location", None))
     return with_value(tree, path[:-1], rest, locate(tree, path[:-1]))
 
 
@@ -294,8 +293,7 @@ def _containers(tree: Any, path: Found = ()) -> Iterator[Found]:
 
 def _number(tree: Any, path: Found) -> float | None:
     """Return the number at a path, without its unit, or None if there is none."""
-    value = value_at(tree, path)
     try:
-        return None if isinstance(value, bool) else float(str(value).partition(" ")[0])
+        return float(str(value_at(tree, path)).partition(" ")[0])
     except ValueError:
         return None

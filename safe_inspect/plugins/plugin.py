@@ -108,7 +108,8 @@ class Plugin(StrictNumbers):
                     f"{cls.__qualname__} extends the plugin {parent.__qualname__}, which is final; "
                     f"put an instance in a field and call it instead"
                 )
-        if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
+        calls = any("__call__" in vars(parent) for parent in cls.__mro__)
+        if cls.kind and calls and not inspect.isabstract(cls):
             cls.registered_name = name or cls.__name__
             registry.add(cls.kind, cls.registered_name, cls)
 
@@ -133,20 +134,7 @@ class Plugin(StrictNumbers):
     @classmethod
     def references(cls) -> dict[str, str]:
         """Return the fields that refer to objects of the environment: field name to kind of object."""
-        return {
-            field: mark.kind
-            for field, info in cls.model_fields.items()
-            for mark in _marks(info)
-        }  # fmt: skip
-
-
-def _methods(cls: type) -> set[str]:
-    return {
-        name
-        for parent in cls.__mro__
-        if parent not in (object, BaseModel, StrictNumbers, Plugin)
-        for name in vars(parent)
-    }
+        return {field: mark.kind for field, info in cls.model_fields.items() for mark in _marks(info)}
 
 
 def _check_methods(cls: type) -> None:

@@ -179,9 +179,8 @@ def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: 
 
 def _sources(arguments: argparse.Namespace) -> list[str]:
     """Return the sources among the words of the command line; the others are overrides."""
-    words = [*arguments.words]
-    texts = [word for word in words if not is_override(word)]
-    arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
+    texts = [word for word in arguments.words if not is_override(word)]
+    arguments.overrides = [*filter(is_override, arguments.words), *arguments.overrides]
     for text in texts:
         if ":" in text and not os.path.exists(text):
             raise SafeInspectError(f"there is no policy {text!r}; {equals_hint(text)}")

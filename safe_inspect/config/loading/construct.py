@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, marked, with_marks
 from safe_inspect.config.loading.syntax import OTHER_BASE
 from safe_inspect.errors import Location, Problem
 
@@ -92,20 +92,17 @@ class Constructor:
         )
 
     def _sequence(self, node: Any) -> LocatedList:
-        items: list[Any] = []
-        marks: dict[int, Location] = {}
+        pairs: list[tuple[Any, Location | None]] = []
         for item in node.value:
             if isinstance(item, yaml.ScalarNode) and item.tag == _EXTEND:
                 more = self.include(item.value.strip(), self.place(item.start_mark)) if item.value.strip() else None
                 if isinstance(more, LocatedList):
-                    marks |= {len(items) + index: mark for index, mark in more.marks.items()}
-                    items += more
+                    pairs += marked(more)
                 elif more is not None or not item.value.strip():
                     self._wrong(item, f"`{_EXTEND}` needs a file that contains a list", "use `!include` for any other")
             else:
-                marks[len(items)] = self.place(item.start_mark)
-                items.append(self.build(item))
-        return LocatedList(items, marks, self.place(node.start_mark))
+                pairs.append((self.build(item), self.place(item.start_mark)))
+        return with_marks(pairs, self.place(node.start_mark))
 
     def _scalar(self, node: Any) -> Any:
         try:

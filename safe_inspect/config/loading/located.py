@@ -114,6 +114,20 @@ def rewritten(source: Any, items: Any = None) -> Any:
     return kind(found, getattr(source, "marks", None), getattr(source, "location", None))
 
 
+def with_marks(pairs: Iterable[tuple[Any, Location | None]], location: Location | None) -> LocatedList:
+    """Return the list of some items, each with its location."""
+    items, marks = list(pairs), {}
+    for index, (_, mark) in enumerate(items):
+        if mark is not None:
+            marks[index] = mark
+    return LocatedList([item for item, _ in items], marks, location)
+
+
+def marked(items: Sequence[Any]) -> list[tuple[Any, Location | None]]:
+    """Return each item of a list with its location."""
+    return [(item, locate(items, (index,))) for index, item in enumerate(items)]
+
+
 def with_value(tree: Any, path: KeyPath, value: Any, location: Location | None) -> Any:
     """Return the tree with another value at a path; missing mappings are added, containers on the path are copied."""
     if not path:
