@@ -178,21 +178,16 @@ def validated(model: type[_Model], tree: Any) -> _Model:
         raise ConfigError(problems_of(error, tree, model=model)) from None
 
 
-def problems_of(
-    error: ValidationError, tree: Any, prefix: Sequence[Any] = (), model: type[BaseModel] | None = None
-) -> list[Problem]:
+def problems_of(error: ValidationError, tree: Any, model: type[BaseModel] | None = None) -> list[Problem]:
     """Return one problem for each mistake of a validation, including those in nested functors.
 
     Args:
         error: The error of the validation.
-        tree: The tree with locations.
-        prefix: Path of the validated value in the tree.
+        tree: The validated tree with locations.
         model: The model of the validation, for the names of its keys.
     """
-    start = value_at(tree, prefix)
-    faults = [_Fault((), tuple(_steps(found["loc"], start)), found) for found in errors_of(error)]
-    problems = [_problem(fault, tree, tuple(prefix), start, model) for fault in _without_unions(faults)]
-    return list(dict.fromkeys(problems))
+    faults = [_Fault((), tuple(_steps(found["loc"], tree)), found) for found in errors_of(error)]
+    return list(dict.fromkeys(_problem(fault, tree, model) for fault in _without_unions(faults)))
 
 
 @dataclass(frozen=True)
@@ -262,17 +257,17 @@ def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
     return [_Fault(path, (), {**first, "type": "functor_key", "msg": text})]
 
 
-def _problem(fault: _Fault, tree: Any, prefix: tuple[Any, ...], start: Any, model: type[BaseModel] | None) -> Problem:
-    where = prefix + fault.path
+def _problem(fault: _Fault, tree: Any, model: type[BaseModel] | None) -> Problem:
+    where = fault.path
     if fault.error["type"] == "extra_forbidden":
-        known = known_keys(start, fault.path[:-1], model)
-        if len(where) == 1 and has(start, "agent_config"):  # the short keys of `safe_inspect.config.layers`
-            agents = start["agent_config"]
+        known = known_keys(tree, where[:-1], model)
+        if len(where) == 1 and has(tree, "agent_config"):  # the short keys of `safe_inspect.config.layers`
+            agents = tree["agent_config"]
             known |= {name for entry in agents for name in names_of(entry)} if isinstance(agents, list) else set()
-            known |= known_keys(start, ("config", "config"), model)
+            known |= known_keys(tree, ("config", "config"), model)
         if len(where) == 3 and where[0] == "agent_config":  # keys that may stand next to `policy` in the short form
-            known |= known_keys(start, (*where[:2], "config", "config"), model)
-        text, hint = f"unknown key `{fault.path[-1]}`", key_hint(str(fault.path[-1]), known) if known else ""
+            known |= known_keys(tree, (*where[:2], "config", "config"), model)
+        text, hint = f"unknown key `{where[-1]}`", key_hint(str(where[-1]), known) if known else ""
         if not known and not fault.error["msg"].startswith("Extra inputs"):
             text, hint = fault.error["msg"], ""  # a plugin that builds another lists the keys itself
     else:
