@@ -144,8 +144,7 @@ def _check_references(entry: AgentEntry, inside: Place, known: Mapping[str, set[
         sound = _names_exist(plugin, place, known) and sound
         for field, kind in plugin.references().items():
             value = getattr(plugin, field)
-            exact = kind == "sensor" and not isinstance(plugin, ObservationGlue | Sensor)
-            if exact and value in inexact and value in known.get(kind, (value,)):
+            if kind == "sensor" and value in inexact and not isinstance(plugin, ObservationGlue | Sensor):
                 text = f"the sensor {value!r} has `errors`, but a {plugin.kind} needs exact values"
                 place.report(f"{text}; name a second sensor of the same kind without errors", "config", field)
     return sound
