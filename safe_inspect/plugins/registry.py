@@ -26,9 +26,6 @@ ENTRY_POINT_GROUP = "safe_inspect.plugins"
 #: Packages whose class paths mean this package's classes of the same names.
 PEERS = ("corl", "safe_autonomy_sims", "safe_autonomy_simulation", "safe_autonomy_dynamics")
 
-#: What to do about a module that does not exist.
-_NO_MODULE = "correct the name, install the module, or start the command in the folder that contains it"
-
 #: The modules that define the built-in plugins. They are imported at the first look-up.
 BUILT_IN = (
     "safe_inspect.dynamics",
@@ -181,7 +178,8 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise RegistryError(f"no module {name!r}{wanted or f'; {_NO_MODULE}'}") from None
+            remedy = "; correct the name, install the module, or start the command in the folder that contains it"
+            raise RegistryError(f"no module {name!r}{wanted or remedy}") from None
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error

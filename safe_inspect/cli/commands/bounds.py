@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from safe_inspect.cli.common import add_experiment_arguments
@@ -55,20 +56,16 @@ def run_bounds(arguments: argparse.Namespace) -> int:
 
 def _load(arguments: argparse.Namespace) -> tuple[Experiment, Sequence[Problem]]:
     """Return the experiment, with the filters disabled that are refused, and why they are."""
-
-    def load(more: Sequence[str] = ()) -> Experiment:
-        overrides = [*arguments.overrides, *more]
-        return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
-
+    load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     try:
-        return load(), ()
+        return load(arguments.overrides), ()
     except ConfigError as error:
         matches = [_REFUSED.fullmatch(problem.path) for problem in error.problems]
         if not all(matches):
             raise
         paths = dict.fromkeys(match[1] for match in matches if match)
         disabled = [path.replace("[", ".").replace("]", "") + ".config.enabled=False" for path in paths]
-        return load(disabled), error.problems
+        return load([*arguments.overrides, *disabled]), error.problems
 
 
 def _filters(experiment: Experiment) -> Iterator[tuple[str, str, Any]]:

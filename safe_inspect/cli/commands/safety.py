@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from safe_inspect.cli.arguments import add_option, positive, seed
@@ -118,10 +119,7 @@ def _check_plot(arguments: argparse.Namespace) -> None:
 
 def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:
     """Load the experiment, with its safety glue enabled or disabled if requested."""
-
-    def load(overrides: list[str]) -> Experiment:
-        return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
-
+    load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     experiment = load(arguments.overrides)
     if enabled is None:
         return experiment

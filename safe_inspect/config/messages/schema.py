@@ -71,7 +71,7 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         "title": cls.registered_name,
         "description": description,
         "properties": {
-            key: _name(cls),
+            key: {"anyOf": [{"const": cls.registered_name}, {"pattern": rf"\.{cls.__name__}$"}]},
             "name": {"type": "string", "description": "The name in metrics and messages."},
             "config": fields,
             "references": {
@@ -92,11 +92,6 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         given = {"properties": {"config": {"required": needed}}, "required": ["config"]}
         schema["anyOf"] = [given, {"required": ["references"]}]
     return schema
-
-
-def _name(cls: type[Plugin]) -> dict[str, Any]:
-    """Return the schema of the names that refer to a plugin in a configuration."""
-    return {"anyOf": [{"const": cls.registered_name}, {"pattern": rf"\.{cls.__name__}$"}]}
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
