@@ -54,13 +54,13 @@ def build(kind: str, value: Any) -> Plugin:
     """
     if isinstance(value, Plugin):
         if value.kind != kind:
-            raise _error(f"expected a {kind}, got the {value.kind} {value.registered_name}")
+            raise misplaced([((), f"expected a {kind}, got the {value.kind} {value.registered_name}")])
         return value
-    if isinstance(value, str):
-        value = {name_key(kind): value}
-    if not isinstance(value, Mapping):
-        raise _error(f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")
     key = name_key(kind)
+    if isinstance(value, str):
+        value = {key: value}
+    if not isinstance(value, Mapping):
+        raise misplaced([((), f"a {kind} must be a mapping with the key `{key}`, not {value!r}")])
     known = {key, "name", "config", "wrapped"}
     problems = []
     cls: type[Plugin] | None = None
@@ -190,7 +190,3 @@ def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
 
 def _problem(loc: tuple[int | str, ...], message: str) -> dict[str, Any]:
     return {"type": "functor_key", "loc": loc, "msg": message}
-
-
-def _error(message: str) -> PydanticCustomError:
-    return PydanticCustomError("functor", "the functor is wrong", {"errors": [_problem((), message)]})
