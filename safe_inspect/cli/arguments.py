@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ def add_option(
     flag: str,
     metavar: str,
     about: str,
-    kind: Callable[[str], Any] | None = None,
+    kind: Any = None,
     default: Any = None,
     **more: Any,
 ) -> None:
@@ -30,7 +29,7 @@ def add_option(
         more: Further keyword arguments of `argparse.ArgumentParser.add_argument`.
     """
     told = about if default in (None, []) else f"{about} (default: {default})"
-    parser.add_argument(flag, metavar=metavar, help=told, type=kind, default=default, **more)  # type: ignore[arg-type]
+    parser.add_argument(flag, metavar=metavar, help=told, type=kind, default=default, **more)
 
 
 def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:

@@ -122,10 +122,9 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def _is_in(problem: Problem, file: str) -> bool:
     """Return whether a problem is in a file of the user; the package's own files replace lists on purpose."""
-    location = problem.location
-    if location is None or Path(location.file).resolve() != Path(file).resolve():
-        return False
-    return not Path(file).resolve().is_relative_to(configs_root().resolve())
+    location, path = problem.location, Path(file).resolve()
+    is_here = location is not None and Path(location.file).resolve() == path
+    return is_here and not path.is_relative_to(configs_root().resolve())
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
