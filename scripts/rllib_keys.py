@@ -1,4 +1,4 @@
-"""Write the names of the keys of RLlib's algorithms in the installed Ray, see `config/keys/rllib_release.py`.
+"""Write the names of the keys of RLlib's algorithms in the installed Ray, see `keys_of_release`.
 
 python scripts/rllib_keys.py
 """
