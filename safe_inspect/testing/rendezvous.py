@@ -42,8 +42,8 @@ from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.testing.calls import SampleParts
 from safe_inspect.testing.report import WRITES, Report
-from safe_inspect.testing.teams import SampleParts
 from safe_inspect.types import AnyArray, FloatArray
 
 #: T_WB of a chaser that looks at the origin along y of W.
