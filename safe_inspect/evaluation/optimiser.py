@@ -24,8 +24,7 @@ from safe_inspect.planning.coverage_problem import (
     lit_from_all_sides,
     sight_range,
 )
-from safe_inspect.planning.coverage_search import SearchEffort, search_plan
-from safe_inspect.planning.descent import MAX_BURNS
+from safe_inspect.planning.coverage_search import MAX_BURNS, SearchEffort, search_plan
 from safe_inspect.planning.record import Burn, Entry, FlightPlan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
