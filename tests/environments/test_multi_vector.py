@@ -16,7 +16,7 @@ from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import InspectionParallelEnv, MultiAgentVectorEnv, TeamEnvironment, make_parallel_vec
 from safe_inspect.environments.episodes import team_info
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.policies.blind import RandomThrust
+from safe_inspect.policies.open_loop import RandomThrust
 from safe_inspect.rta.team import TeamFiltered, TeamSafety
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.types import BoolArray, FloatArray

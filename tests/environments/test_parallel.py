@@ -25,7 +25,7 @@ from safe_inspect.environments import (
     make_vec,
 )
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.policies.blind import RandomThrust, ZeroThrust
+from safe_inspect.policies.open_loop import RandomThrust, ZeroThrust
 
 TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 ONE, FILTER_ON = "blue#_ctrl.count=1", "RTAGlueCWHInspection1v1.config.enabled=True"

@@ -20,7 +20,7 @@ from safe_inspect.platforms import Sensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy
-from safe_inspect.policies.blind import ZeroThrust
+from safe_inspect.policies.open_loop import ZeroThrust
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.constraints import Constraint, Evaluation
 from safe_inspect.simulators.state import ArraySpec

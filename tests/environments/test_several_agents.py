@@ -19,8 +19,8 @@ from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import PluginValueError
 from safe_inspect.glues.observe_sensor import ObserveSensor
 from safe_inspect.plugins.functor import Named
-from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.inspector import NaturalMotionInspector
+from safe_inspect.policies.open_loop import RandomThrust, ZeroThrust
 from safe_inspect.random.streams import Streams
 from safe_inspect.rewards import InspectionDeltaVReward, ObservedPointsReward
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
