@@ -13,8 +13,7 @@ import numpy as np
 import torch
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
-from safe_inspect.evaluation.raw_values import CommandedElement, element_columns
+from safe_inspect.evaluation.policy_file import NEXT_STATE, CommandedElement, PolicyInfo, element_columns
 from safe_inspect.experiments.export.net_layers import STATE, NetLayers, lstm_weights
 from safe_inspect.experiments.modules.saved_policy import BestChoices
 from safe_inspect.types import AnyArray

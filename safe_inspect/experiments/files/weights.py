@@ -20,8 +20,7 @@ from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo, difference_of
-from safe_inspect.evaluation.raw_values import ObservedElement
+from safe_inspect.evaluation.policy_file import POLICY_FORMAT, ObservedElement, PolicyInfo, difference_of
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.files.checkpoints import newest_checkpoint, policy_folder, weights_path
 from safe_inspect.types import AnyArray

@@ -15,7 +15,7 @@ from ray.tune.registry import get_trainable_cls, register_env
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, OWN_KEYS
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
-from safe_inspect.evaluation.raw_values import CONTROL_STEPS
+from safe_inspect.evaluation.policy_file import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
 from safe_inspect.experiments.learning.rllib_objects import own_module, set_connectors, set_replay_buffer
 from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec

@@ -260,7 +260,7 @@ def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
     from safe_inspect.evaluation.onnx_policy import load_onnx  # loads onnxruntime
 
     policy = load_onnx(path, wanted.sampled, wanted.seed)
-    experiment = wanted.build(policy.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
+    experiment = wanted.build(policy.info.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
     source = _source(text, "onnx", path.absolute(), sha256(path))
     return Candidate(path.stem, source, experiment, policy.prepare(experiment.spec), policy)
 

@@ -9,8 +9,7 @@ from typing import Any
 from safe_inspect.config.experiment import Experiment, build_experiment
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.environments.layout import action_layout
-from safe_inspect.evaluation.policy_file import PolicyInfo
-from safe_inspect.evaluation.raw_values import commanded_elements, observed_elements
+from safe_inspect.evaluation.policy_file import PolicyInfo, commanded_elements, observed_elements
 from safe_inspect.experiments.settings.environments import DEFAULT_MAKER, experiment_in
 from safe_inspect.experiments.settings.policies import SINGLE
 
