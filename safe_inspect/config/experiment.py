@@ -24,7 +24,7 @@ from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
-from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
+from safe_inspect.dones.limits import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.task_ids import ALL_TASKS, FORMER_IDS, TASK_OVERRIDES
 

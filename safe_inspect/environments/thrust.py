@@ -8,7 +8,7 @@ from safe_inspect.config.spec import AgentSpec
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
-from safe_inspect.platforms.controllers import ActuatorLimits, RateController
+from safe_inspect.platforms.controllers import RateController
 from safe_inspect.types import FloatArray, IntArray
 
 
@@ -79,6 +79,4 @@ class Thrusters:
         elif type(glue) is not DiscreteControllerGlue:
             return None
         controller = self._parts[glue.controller]
-        if isinstance(controller, RateController) and isinstance(controller.commanded, ActuatorLimits):
-            return controller
-        return None
+        return controller if isinstance(controller, RateController) else None

@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.limits import EpisodeLengthDone
+from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
-from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError

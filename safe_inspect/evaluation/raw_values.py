@@ -22,7 +22,7 @@ from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import Affine, Normalizer
 from safe_inspect.glues.observe_sensor import ObserveSensor
-from safe_inspect.platforms.controllers import ActuatorLimits, RateController
+from safe_inspect.platforms.controllers import RateController
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
@@ -171,7 +171,7 @@ def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], Flo
     The configuration is empty for controllers of this package.
     """
     controller = controller_of(parts, name)
-    if isinstance(controller, RateController) and isinstance(controller.commanded, ActuatorLimits):
+    if isinstance(controller, RateController):
         return controller.commanded.symbol, "xyz"[controller.axis % 3], (), *controller.limits
     return "", "", _configuration(controller), *controller.limits
 

@@ -1,4 +1,4 @@
-"""Base classes of platforms, their parts and the properties of parts."""
+"""Base classes of platforms and their parts."""
 
 from __future__ import annotations
 
@@ -44,23 +44,6 @@ class Platform(Plugin):
         Raises:
             ValueError: The parts do not match the platform.
         """
-
-
-class Property(Plugin):
-    """The quantity that a controller commands: its name, unit and limits."""
-
-    kind: ClassVar[str] = "property"
-
-    name: str = ""
-
-    @property
-    @abstractmethod
-    def limits(self) -> tuple[float, float]:
-        """Smallest and largest value, SI."""
-
-    @abstractmethod
-    def __call__(self, value: FloatArray) -> FloatArray:
-        """Return the value clipped to the limits, SI, same shape."""
 
 
 class Part(Plugin):

@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.glues.normalizers import Normalizer
-from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
+from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rewards.base import Reward
 from safe_inspect.simulators.row_terms.plugin import RowPlugin
@@ -185,22 +185,6 @@ def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None
         report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
 
 
-def check_property(plugin: Property, parts: SampleParts, report: Report) -> None:
-    """Check a property: it must clip values to its limits."""
-    low, high = plugin.limits
-    if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
-        return
-    values = spread(np.array([2.0 * low - high]), np.array([2.0 * high - low]), ROWS)[:, 0]
-
-    def make(rows: AnyArray) -> Inputs:
-        given = values[rows].copy()
-        return Inputs((given,), {"the values": given})
-
-    result = check_call(Call("the property", plugin, make, ROWS), report)
-    if result is not None:
-        check_bounds(result, np.array(low), np.array(high), "the commanded value", "the property", report)
-
-
 CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "component": check_component,
     "constraint": check_constraint,
@@ -214,7 +198,6 @@ CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "part": check_part,
     "platform": check_platform,
     "policy": check_policy,
-    "property": check_property,
     "reward": check_reward,
     "rta": check_team_safety,
     "shared_done": check_shared_done,

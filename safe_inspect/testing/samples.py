@@ -20,23 +20,24 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.platforms.attitude_sensors import (
-    AngularVelocitySensor,
-    OrientationUnitVectorSensor,
-    QuaternionSensor,
-    RelativePositionSensor,
-    RelativeVelocitySensor,
-)
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
-from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.platforms.neighbour_sensors import (
     DeputyScanSensor,
     NearestDeputiesPositionSensor,
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
-from safe_inspect.platforms.state_sensors import SunlightSensor
+from safe_inspect.platforms.state_sensors import (
+    AngularVelocitySensor,
+    EntityPositionSensor,
+    EntityVelocitySensor,
+    OrientationUnitVectorSensor,
+    QuaternionSensor,
+    RelativePositionSensor,
+    RelativeVelocitySensor,
+    SunlightSensor,
+)
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits, advance_kernel
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.team import TeamEnvironment

@@ -151,7 +151,7 @@ def test_list_of_what_is_not_there(typed, words, shown):
 
 def test_list_of_a_class_by_its_dotted_path(typed):
     by_path, by_name = (
-        typed("list", "reward", "safe_inspect.rewards.ObservedPointsReward"),
+        typed("list", "reward", "safe_inspect.rewards.inspection.ObservedPointsReward"),
         typed("list", "reward", "ObservedPointsReward"),
     )
     assert by_path[0] == 0

@@ -12,7 +12,7 @@ from safe_inspect.dynamics import NO_DISTURBANCE
 from safe_inspect.glues import ActionGlue, Normalizer, ObservationGlue
 from safe_inspect.metrics import Metric, TeamMetric
 from safe_inspect.platforms import Controller, Sensor
-from safe_inspect.platforms.base import Platform, Property
+from safe_inspect.platforms.base import Platform
 from safe_inspect.policies import ScriptedPolicy
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.base import SafetyGlue
@@ -109,10 +109,6 @@ KINDS = {
     ),
     "platform": lambda calls: made(
         Platform, __call__=calls.spied(lambda parts: tuple(part.part_name for part in parts))
-    ),
-    "property": lambda calls: made(
-        Property, "Do it.\n\nAttributes:\n    name: Its name.", limits=property(lambda self: (-1.0, 2.0)),
-        __call__=calls.spied(lambda value: np.clip(value, -1.0, 2.0)),
     ),
     "metric": lambda calls: made(
         Metric, reduce="sum", __call__=calls.spied(lambda step: step.after.time.copy()),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_validator
 
-from safe_inspect.dones import CrashDoneFunction
+from safe_inspect.dones.motion import CrashDoneFunction
 from safe_inspect.plugins import SensorName
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rewards import Reward

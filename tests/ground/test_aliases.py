@@ -10,6 +10,7 @@ from safe_inspect.config.models.experiment import (
     TaskBody,
     TaskConfig,
 )
+from safe_inspect.platforms.controllers import RateController
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import registry
 
@@ -27,6 +28,8 @@ _GRAMMAR = {
     ),
     "Sun": lambda name: EntityConfig(entity_class=name),
     "CWHPlatform": lambda name: PlatformConfig(platform=name),
+    "ThrustProp": lambda name: RateController(property_class=name),
+    "MomentProp": lambda name: RateController(axis=3, property_class=name),
 }
 #: Classes that have another name here.
 _RENAMED = {"SunEntity": "Sun"}

@@ -7,9 +7,10 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.glues import ControllerGlue
+from safe_inspect.glues.controller_glue import ControllerGlue
 from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
-from safe_inspect.rewards import ObservedPointsReward, Reward
+from safe_inspect.rewards import Reward
+from safe_inspect.rewards.inspection import ObservedPointsReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.simulators import CWH3DRadialWithSunInitializer, UniformParameter
 
@@ -36,7 +37,7 @@ def test_a_mapping_a_name_and_a_plugin_build_the_same() -> None:
     assert build("reward", {"functor": "ObservedPointsReward"}) == plugin
     assert build("reward", {"functor": "ObservedPointsReward", "name": "label", "config": None}) == plugin
     assert build("reward", "ObservedPointsReward") == plugin
-    assert build("reward", "safe_inspect.rewards.ObservedPointsReward") == plugin
+    assert build("reward", "safe_inspect.rewards.inspection.ObservedPointsReward") == plugin
     assert build("reward", plugin) is plugin
 
 

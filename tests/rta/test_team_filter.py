@@ -15,7 +15,7 @@ from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamView
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks import Sun
+from safe_inspect.tasks.inspection.sun import Sun
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N

@@ -13,7 +13,7 @@ from safe_inspect.config.messages.report import KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentBody, AgentEntry
 from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
-from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean, not_named
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
 from safe_inspect.glues.coast_glue import CoastGlue

@@ -14,11 +14,11 @@ from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
 from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
-from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.platforms.base import Controller, Part
-from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
+from safe_inspect.platforms.state_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import TaskParameters

@@ -21,7 +21,7 @@ from safe_inspect.config.models.compat import (
     TaskKeys,
     platform_class,
 )
-from safe_inspect.dones.time_limit import MAX_HORIZON
+from safe_inspect.dones.limits import MAX_HORIZON
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.functor import SCHEMA_KIND, Named, build, functor_field

@@ -75,45 +75,21 @@ def entry_speed(
 
 
 @njit
-def docking_outcome(
-    rule: FloatArray,
-    position_before: FloatArray,
-    velocity_before: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> int:
+def docking_outcome(rule: FloatArray, *motion: FloatArray) -> int:
     """Return `DOCKED` or `TOO_FAST` if a deputy reaches the docking region in a step, otherwise `OUTSIDE`.
 
     Args:
         rule: See `DockingRegion.rule`, shape (6,).
-        position_before: As for `entry_speed`.
-        velocity_before: As for `entry_speed`.
-        position: As for `entry_speed`.
-        velocity: As for `entry_speed`.
-        reference: As for `entry_speed`.
-        reference_velocity: As for `entry_speed`.
+        *motion: The positions and velocities that `entry_speed` takes.
     """
     radius = rule[4]
-    speed = entry_speed(
-        radius, rule[5], position_before, velocity_before, position, velocity, reference, reference_velocity
-    )
+    speed = entry_speed(radius, rule[5], *motion)
     if speed < 0.0:
         return OUTSIDE
     return TOO_FAST if speed_excess(rule[:4], radius, speed) > 0.0 else DOCKED
 
 
 @njit
-def is_too_fast(
-    rule: FloatArray,
-    position_before: FloatArray,
-    velocity_before: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> bool:
+def is_too_fast(rule: FloatArray, *motion: FloatArray) -> bool:
     """Return whether a deputy reaches the docking region above the speed limit; see `docking_outcome`."""
-    outcome = docking_outcome(rule, position_before, velocity_before, position, velocity, reference, reference_velocity)
-    return bool(outcome == TOO_FAST)
+    return bool(docking_outcome(rule, *motion) == TOO_FAST)

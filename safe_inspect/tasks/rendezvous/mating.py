@@ -6,7 +6,8 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, RowInput
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, RowInput
+from safe_inspect.tasks.docking.speed_limit import own_motion
 from safe_inspect.types import FloatArray
 
 
@@ -66,8 +67,7 @@ def docking_inputs(before: bool = False) -> tuple[RowInput, RowInput, RowInput, 
         before: Whether to read the values before the step.
     """
     return (
-        OwnArray("position", before),
-        OwnArray("velocity", before),
+        *own_motion(before),
         EnvironmentArray("mating_point_position", before),
         EnvironmentArray("mating_point_velocity", before),
     )

@@ -1,19 +1,19 @@
-"""Rewards for inspected points."""
+"""Rewards for inspected points, and penalties for crashes and for interventions of the safety filter."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import least_coasting_range
-from safe_inspect.plugins.plugin import PointsName
-from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
+from safe_inspect.geometry.distance import is_nearer
+from safe_inspect.plugins.plugin import PointsName, SensorName
+from safe_inspect.rewards.base import Reward, paid_if
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, Intervening, range_inputs
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.inspection.completion import PassiveSafety, WeightThreshold, completion
+from safe_inspect.tasks.inspection.completion import Completion, PassiveSafety, has_reached
 from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveLength
 
 
 @njit
@@ -27,24 +27,13 @@ def _new_weight(scale: float, step_before: int, before: float, after: float) -> 
 
 
 @njit
-def _complete(scale: float, limit: float, inspected: float) -> float:
-    return scale if inspected >= limit else 0.0
-
-
-@njit
 def _safely_complete(
-    pays: FloatArray,
-    orbit: FloatArray,
-    limit: float,
-    inspected: float,
-    position: FloatArray,
-    velocity: FloatArray,
-    table: FloatArray,
+    rule: FloatArray, inspected: float, limit: float, position: FloatArray, velocity: FloatArray, table: FloatArray
 ) -> float:
     if inspected < limit:
         return 0.0
-    clear = least_coasting_range(position, velocity, table, orbit[0]) >= orbit[1]
-    reward: float = pays[0] if clear else pays[1]
+    clear = least_coasting_range(position, velocity, table, rule[0]) >= rule[1]
+    reward: float = rule[2] if clear else rule[3]
     return reward
 
 
@@ -71,22 +60,18 @@ class ObservedPointsReward(Reward):
         return RowTerm(kernel, (self.scale, *before, EnvironmentArray(name)))
 
 
-class InspectionSuccessReward(Reward):
+class InspectionSuccessReward(Completion, Reward):
     """Pay `scale` in a step at the end of which all points, or points of enough weight, are inspected; shape (R,).
 
     Attributes:
         scale: Reward for success [-].
-        inspection_entity_name: Name of the body with the points.
-        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     scale: float = 1.0
-    inspection_entity_name: PointsName = "chief"
-    weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: scale if the inspection is complete, otherwise 0."""
-        return RowTerm(_complete, (self.scale, *completion(world, self.inspection_entity_name, self.weight_threshold)))
+        return paid_if(has_reached, self.scale, self.completion(world))
 
 
 class SafeInspectionSuccessReward(PassiveSafety, Reward):
@@ -95,18 +80,51 @@ class SafeInspectionSuccessReward(PassiveSafety, Reward):
     Attributes:
         scale: Reward if the deputy would stay outside the crash region while coasting for an orbit [-].
         crash_scale: Reward if it would not [-].
-        inspection_entity_name: Name of the body with the points.
-        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
 
     scale: float = 1.0
     crash_scale: float = -1.0
-    inspection_entity_name: PointsName = "chief"
-    weight_threshold: WeightThreshold = None
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: scale or crash_scale if the inspection is complete, otherwise 0."""
-        n, radius, *motion = self.coasting_inputs(world)
-        complete = completion(world, self.inspection_entity_name, self.weight_threshold)
-        pays = np.array([self.scale, self.crash_scale])
-        return RowTerm(_safely_complete, (pays, np.array([n, radius]), *complete, *motion))
+        return RowTerm(_safely_complete, self.inputs(world, self.scale, self.crash_scale))
+
+
+class InspectionCrashReward(Reward):
+    """Pay `scale` when the range to the reference is below `crash_region_radius`; shape (R,).
+
+    Attributes:
+        scale: Reward of a crash, a negative number [-].
+        crash_region_radius: Smallest range [m].
+        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
+        reference_velocity_sensor_name: Sensor of the reference's velocity; a key of safe-autonomy-sims, without effect.
+    """
+
+    scale: float = -1.0
+    crash_region_radius: PositiveLength = 10.0
+    reference_position_sensor_name: SensorName | None = None
+    reference_velocity_sensor_name: SensorName | None = None
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the row kernel: scale if the range is too small, otherwise 0."""
+        reach = self.crash_region_radius, *range_inputs(self.reference_position_sensor_name)
+        return paid_if(is_nearer, self.scale, reach)
+
+
+@njit
+def _intervention(scale: float, intervening: bool) -> float:
+    return scale if intervening else 0.0
+
+
+class InspectionRTAReward(Reward):
+    """Pay `scale` in a step in which a safety filter changed the thrust; shape (R,).
+
+    Attributes:
+        scale: Reward for an intervention, a negative number [-].
+    """
+
+    scale: float = -0.01
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the row kernel: scale in a step with an intervention, otherwise 0."""
+        return RowTerm(_intervention, (self.scale, Intervening()))
