@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import StepMaps
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
-from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.points_view import PointsModel
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Distance of the two viewers for whom a point must be lit, if the light depends on the viewer [m].

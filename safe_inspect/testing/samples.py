@@ -47,7 +47,7 @@ from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.task_ids import TASKS
-from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
+from safe_inspect.tasks.docking.simulator import SpeedLimitMonitor
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows

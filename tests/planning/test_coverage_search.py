@@ -36,7 +36,7 @@ from safe_inspect.planning.descent import (
     least_fuel,
 )
 from safe_inspect.planning.linear_program import _invert
-from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.points_view import PointsModel
 
 from ..golden.records import check_record
 

@@ -19,8 +19,7 @@ from safe_inspect.rendezvous.target.boxes import (
     aligned_boxes,
 )
 from safe_inspect.rendezvous.target.mesh import MeshTarget, _covering_boxes, _read_mesh
-from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES
-from safe_inspect.tasks.rendezvous.shape import boxes_in_model
+from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, boxes_in_model
 
 
 def test_envisat_has_the_published_principal_moments_and_tilt() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.errors import ArgumentError
 from safe_inspect.random.balls import uniform_at
 from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OfView
+from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
@@ -119,6 +119,7 @@ class _RunningThrusters(RunningComponent):
         if plugin.propellant > 0.0:
             self.arrays = {_PROPELLANT: ArraySpec((len(world.masses),))}
             self.recorded = (_PROPELLANT,)
+            self.offered = {_PROPELLANT: OfView}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         if self.arrays:
@@ -134,12 +135,6 @@ class _RunningThrusters(RunningComponent):
     def step(self, state: State, running: BoolArray) -> None:
         if self.arrays:
             state.arrays[_PROPELLANT][...] -= self._used
-
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfView(name) for name in self.arrays}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfTeam(name) for name in self.arrays}
 
 
 @njit

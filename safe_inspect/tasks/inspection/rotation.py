@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import field_validator
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
 from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OfView
+from safe_inspect.simulators.component import PassiveComponent, RunningComponent
+from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
@@ -154,7 +153,7 @@ def rotating_body(world: World) -> str | None:
     return found
 
 
-class ChiefRotation(Component):
+class ChiefRotation(PassiveComponent):
     """Body that rotates at a constant angular velocity or freely; its points, normals and priority vector rotate too.
 
     With a constant angular velocity, its axes are Hill's at the reset. In safe-autonomy-sims outside of CoRL, the chief
@@ -182,10 +181,6 @@ class ChiefRotation(Component):
         """The rotating body."""
         return (self.entity_name,)
 
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: the rotation does not affect the motion of deputies."""
-        return NO_DISTURBANCE
-
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running rotation.
 
@@ -207,6 +202,7 @@ class _Rotating(RunningComponent):
     """A rotating body; a subclass writes its orientation."""
 
     recorded = (_ORIENTATION,)
+    offered = {_ORIENTATION: OfView}  # noqa: RUF012 - never written
 
     def __init__(self, entity: str, world: World) -> None:
         self._entity, self._body = entity, world.bodies[entity]
@@ -218,12 +214,6 @@ class _Rotating(RunningComponent):
 
     def of_world(self) -> Mapping[str, Any]:
         return {"rotating_body": self._entity}
-
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {_ORIENTATION: OfView(_ORIENTATION)}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {_ORIENTATION: OfTeam(_ORIENTATION)}
 
     def shared_state(self, team: Any) -> tuple[Any, ...]:
         return (team.chief_orientation,)

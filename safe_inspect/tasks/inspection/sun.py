@@ -11,14 +11,14 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
+from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
 from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
 from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
 from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
 from safe_inspect.errors import ArgumentError
-from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OfView
+from safe_inspect.simulators.component import Component, EntityParameter, PassiveComponent, RunningComponent
+from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
@@ -161,7 +161,7 @@ def sun_on(date: datetime) -> tuple[float, float, float]:
     return math.cos(along), math.cos(tilt) * math.sin(along), math.sin(tilt) * math.sin(along)
 
 
-class Sun(Component):
+class Sun(PassiveComponent):
     """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
@@ -210,10 +210,6 @@ class Sun(Component):
         """A beta angle of at most 90 degrees."""
         return {BETA: (-0.5 * math.pi, 0.5 * math.pi)}
 
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: the sun does not affect the motion of deputies."""
-        return NO_DISTURBANCE
-
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running sun.
 
@@ -247,6 +243,7 @@ class _RunningSun(RunningComponent):
         if shadow is not None:
             self.arrays |= {"sunlight": ArraySpec(()), LIGHT: ArraySpec((3,))}
         self.recorded = tuple(name for name in ("sun_angle", BETA, "sunlight") if name in self.arrays)
+        self.offered = dict.fromkeys(self.arrays, OfView)
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         state["sun_angle"][:] = values.get("sun_angle", 0.0)
@@ -287,12 +284,6 @@ class _RunningSun(RunningComponent):
 
     def of_world(self) -> Mapping[str, Any]:
         return {"sun_rate": self._rate} | ({} if self._shadow is None else {"shadow": self._shadow})
-
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfView(name) for name in self.arrays}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfTeam(name) for name in self.arrays}
 
     def shared_state(self, team: Any) -> tuple[Any, ...]:
         return (team.sun_direction,)
