@@ -10,9 +10,8 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.finite_checks import checked_seed, require_finite, require_shape
+from safe_inspect.environments.finite_checks import checked_seed, replaced, require_finite, require_shape, with_backup
 from safe_inspect.environments.group import AgentGroup, group_agents
-from safe_inspect.environments.invalid_actions import replaced, with_backup
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered

@@ -46,30 +46,23 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
     def wrapped(*args: _Given.args, **kwargs: _Given.kwargs) -> _Result:
         try:
             return function(*args, **kwargs)
-        except SafeInspectError as error:
-            plugin, file, line = (
-                _innermost(error) if isinstance(error, MissingNameError) and error.name else (None, "", 0)
-            )
-            if plugin is None:
-                raise
-            what = f"the {plugin.kind} {plugin.registered_name} reads a missing value ({file}:{line})"
-            raise MissingNameError(f"{what}: {error}") from error
         except BaseException as error:
-            if isinstance(error, Interrupted):  # raised by a signal handler, at any place
-                raise
+            reads_missing = isinstance(error, MissingNameError) and bool(error.name)
+            if isinstance(error, Interrupted) or (isinstance(error, SafeInspectError) and not reads_missing):
+                raise  # a signal handler raises Interrupted at any place
             plugin, file, line = _innermost(error)
             if plugin is None:
                 raise
-            what = f"the {plugin.kind} {plugin.registered_name}"
+            what, source = f"the {plugin.kind} {plugin.registered_name}", linecache.getline(file, line).strip()
+            if reads_missing:
+                raise MissingNameError(f"{what} reads a missing value ({file}:{line}): {error}") from error
             if writes_read_only(error):
-                source = linecache.getline(file, line).strip()
                 raise PluginValueError(
                     f"{what} writes into an array that is read-only ({file}:{line}: {source}); compute on a copy, or "
                     "store the values in a declared array"
                 ) from error
             ends = _ENDS.get(type(error))
             if ends is not None:
-                source = linecache.getline(file, line).strip()
                 raise PluginValueError(f"{what} {ends[0]} ({file}:{line}: {source}); {ends[1]}") from None
             if not any(note.startswith(RAISED_IN) for note in getattr(error, "__notes__", ())):
                 error.add_note(f"{RAISED_IN}{what} ({file}:{line})")
@@ -80,13 +73,8 @@ def names_writers(function: Callable[_Given, _Result]) -> Callable[_Given, _Resu
 
 def _innermost(error: BaseException) -> tuple[Plugin | None, str, int]:
     """Return the innermost plugin in the call stack of an exception, with its file and line; None without a plugin."""
-    frames = [(frame.f_locals.get("self"), frame, line) for frame, line in traceback.walk_tb(error.__traceback__)]
-    calls = [
-        (plugin, frame, line)
-        for plugin, frame, line in frames
-        if isinstance(plugin, Plugin) and _PYDANTIC not in frame.f_code.co_filename
-    ]
-    if not calls:
-        return None, "", 0
-    plugin, frame, line = calls[-1]
-    return plugin, frame.f_code.co_filename, line
+    for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
+        plugin = frame.f_locals.get("self")
+        if isinstance(plugin, Plugin) and _PYDANTIC not in frame.f_code.co_filename:
+            return plugin, frame.f_code.co_filename, line
+    return None, "", 0

@@ -15,13 +15,10 @@ from pydantic import ConfigDict
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.glues.actions import CoastGlue, ControllerGlue, DiscreteControllerGlue
 from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
-from safe_inspect.glues.coast_glue import CoastGlue
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.normalizers import Affine, Normalizer
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.normalizers import Affine, Normalization, Normalizer
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.plugins.functor import describe
 from safe_inspect.plugins.plugin import Plugin

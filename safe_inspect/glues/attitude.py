@@ -12,8 +12,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.derived import DerivedGlue, wrapped_input
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import DerivedGlue, ObserveSensor, wrapped_input
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.row_terms.loops import RowTerm

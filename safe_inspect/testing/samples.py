@@ -19,7 +19,7 @@ from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.actions import ControllerGlue
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.neighbour_sensors import (

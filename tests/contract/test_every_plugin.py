@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from safe_inspect.dones.shared import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.normalizers import LinearNormalizer, StandardNormalNormalizer
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, StandardNormalNormalizer
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.neighbour_sensors import (
     DeputyScanSensor,

@@ -17,13 +17,13 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import (
     InspectionEnv,
-    InspectionParallelEnv,
     InspectionVectorEnv,
     TeamEnvironment,
     make,
     make_parallel,
     make_vec,
 )
+from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 

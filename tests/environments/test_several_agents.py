@@ -19,7 +19,7 @@ from safe_inspect.dones.shared import SetAllDoneFunction
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, team
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import PluginValueError
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.inspector import NaturalMotionInspector

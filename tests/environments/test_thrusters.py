@@ -9,8 +9,8 @@ import pytest
 
 from safe_inspect.environments import load_spec
 from safe_inspect.environments.thrust import Thrusters
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.glues.normalization import Normalization
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import Normalization
 from safe_inspect.platforms.base import Controller
 from safe_inspect.platforms.controllers import RateController
 
@@ -45,9 +45,17 @@ def one_by_one(agent, actions):
 def test_the_thrusts_are_those_of_the_glues_one_by_one(agent, axes, normalised):
     made = with_controllers(agent, axes, normalised=normalised)
     actions = ACTIONS[:, : len(axes)]
-    found = Thrusters(made)(actions)
-    expected = one_by_one(made, actions)
+    thrusters, expected = Thrusters(made), one_by_one(made, actions)
+    found = thrusters(actions)
     assert found.tobytes() == expected.tobytes()  # the sign of zero too
+    assert (thrusters.plain is None) == (normalised or len(set(axes)) < len(axes))
+    bounds = np.full((2, len(axes)), np.inf) * [[-1.0], [1.0]]
+    at_once = thrusters.clipped(actions[:, None], *bounds)
+    if thrusters.plain is None:
+        assert at_once is None
+    else:
+        assert at_once[0].tobytes() == actions.tobytes()
+        assert at_once[1].tobytes() == expected.tobytes()
     assert np.abs(found).max() > 0.5
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import Normalization
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.point_sensors import UninspectedPointsSensor
 from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor

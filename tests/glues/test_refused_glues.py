@@ -9,9 +9,8 @@ from pydantic import ValidationError
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
+from safe_inspect.glues.actions import CoastGlue, DiscreteControllerGlue
 from safe_inspect.glues.attitude import DotProductGlue
-from safe_inspect.glues.coast_glue import CoastGlue
-from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.glues.controller_glue import ControllerGlue
+from safe_inspect.glues.actions import ControllerGlue
 from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
 from safe_inspect.rewards import Reward
 from safe_inspect.rewards.inspection import ObservedPointsReward

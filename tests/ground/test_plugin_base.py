@@ -5,7 +5,7 @@ from typing import ClassVar
 import pytest
 from pydantic import Field, ValidationError
 
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.plugins import DoneName, EntityName, Plugin, SensorName
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import Reward

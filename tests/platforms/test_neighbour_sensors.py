@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.normalizers import LinearNormalizer, StandardNormalNormalizer
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, StandardNormalNormalizer
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms import Sensor
 from safe_inspect.platforms.neighbour_sensors import (
     ClosestApproachPositionSensor,

@@ -15,8 +15,8 @@ from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean, not_named
+from safe_inspect.glues.actions import CoastGlue
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
-from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.policies.base import ScriptedPolicy

@@ -1,11 +1,18 @@
-"""Gymnasium spaces of a layout."""
+"""Gymnasium spaces of layouts, and the controlled agents by name for façades with dictionaries."""
 
 from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 from gymnasium.spaces import Box, MultiDiscrete
 
+from safe_inspect.environments.facades.arguments import action_array
 from safe_inspect.environments.layout import Layout
+from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import AgentError, SafeInspectError, did_you_mean
+from safe_inspect.types import AnyArray
 
 
 def box(layout: Layout) -> Box:
@@ -19,3 +26,70 @@ def box(layout: Layout) -> Box:
 def action_space(layout: Layout) -> Box | MultiDiscrete:
     """Return the space of an action: indices of levels if the layout is discrete, else a box."""
     return MultiDiscrete(list(layout.choices)) if layout.choices else box(layout)
+
+
+Space = TypeVar("Space")
+
+
+class AgentsByName:
+    """The controlled agents of an environment.
+
+    Args:
+        environment: The environment.
+
+    Attributes:
+        places: For each agent, in order, the index of its group among the acting groups, and its index in the group.
+        observation_spaces: Space of one observation, by agent.
+        action_spaces: Space of one action, by agent.
+    """
+
+    def __init__(self, environment: TeamEnvironment) -> None:
+        groups = environment.acting
+        self.places = {agent: (i, k) for i, group in enumerate(groups) for k, agent in enumerate(group.agents)}
+        self.observation_spaces = {agent: box(groups[i].observation_layout) for agent, (i, _) in self.places.items()}
+        self.action_spaces = {agent: action_space(groups[i].action_layout) for agent, (i, _) in self.places.items()}
+
+    def split(self, groups: Sequence[AnyArray]) -> dict[str, AnyArray]:
+        """Return the arrays of each agent, shape (N, ...), from those of the acting groups, shape (N, G, ...)."""
+        return {agent: groups[index][:, member] for agent, (index, member) in self.places.items()}
+
+
+def space_of(spaces: Mapping[str, Space], agent: str) -> Space:
+    """Return the space of an agent.
+
+    Raises:
+        AgentError: There is no controlled agent with that name.
+    """
+    if agent not in spaces:
+        raise AgentError(f"there is no controlled agent {agent!r}; {did_you_mean(str(agent), spaces)}")
+    return spaces[agent]
+
+
+def checked_actions(
+    actions: Mapping[str, AnyArray], wanted: Collection[str], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, AnyArray]:
+    """Return the actions as arrays.
+
+    Args:
+        actions: Actions by agent.
+        wanted: Agents that act now.
+        shapes: Shape of the action of every controlled agent.
+
+    Raises:
+        SafeInspectError: Actions are missing, are for an agent that does not act, or have the wrong shape; one message
+            lists all problems.
+    """
+    if not isinstance(actions, Mapping):
+        raise SafeInspectError(f"actions: expected a dictionary of actions by agent, got a {type(actions).__name__}")
+    found = {agent: action_array(action, shapes.get(agent)) for agent, action in actions.items()}
+    problems = [f"none is given for {agent}" for agent in wanted if agent not in found]
+    for agent, (_, mistake) in found.items():
+        if agent not in shapes:
+            problems.append(f"there is no controlled agent {agent!r}, {did_you_mean(str(agent), shapes)}")
+        elif agent not in wanted:
+            problems.append(f"{agent} has ended and takes none until the next reset")
+        elif mistake:
+            problems.append(f"that for {agent} {mistake.replace('; ', ', ')}")
+    if problems:
+        raise SafeInspectError(f"actions: {'; '.join(problems)}")
+    return {agent: array for agent, (array, _) in found.items()}

@@ -10,9 +10,8 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.group import AgentGroup
-from safe_inspect.glues.derived import DerivedGlue
 from safe_inspect.glues.normalizers import Affine
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import DerivedGlue, ObserveSensor
 from safe_inspect.simulators.row_terms.inputs import GlueReading, Intervening, OwnArray, Scene
 from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, place_term
 from safe_inspect.simulators.state import State
@@ -159,15 +158,14 @@ class Program:
         """Add a glue that fills these columns of the observation."""
         self.factors[:, columns] = np.concatenate((np.ones(1), *Affine()))[:, None]
         if type(glue) is ObserveSensor:
-            scale, normalizer, low, high = glue.prepared(self._group.sensors[glue.sensor])
-            affine = Affine() if normalizer is None else normalizer.affine(low, high)
+            scale, _, low, high = glue.prepared(self._group.sensors[glue.sensor])
+            affine = glue.normalization.affine(low, high)
             if affine is not None and self._call_sensor(glue.sensor, columns):
                 for row, factor in enumerate((np.full(1, scale), *affine)):
                     self.factors[row, columns] = factor
                 return
         if isinstance(glue, DerivedGlue):
-            normalizer, limits = glue.normalization.active, glue.limits(self._group.sensors)  # type: ignore[arg-type]
-            affine = Affine() if normalizer is None else normalizer.affine(*limits)
+            affine = glue.normalization.affine(*glue.limits(self._group.sensors))  # type: ignore[arg-type]
             if affine is not None and self._call_values(glue, columns):
                 for row, factor in enumerate(affine, 1):
                     self.factors[row, columns] = factor

@@ -8,7 +8,6 @@ import numpy as np
 
 from safe_inspect.environments.finite_checks import all_finite, require_finite
 from safe_inspect.environments.fused import kernel
-from safe_inspect.environments.fused.command import command
 from safe_inspect.environments.fused.program import PlacedProgram, Program
 from safe_inspect.environments.group import AgentGroup, StepOutcome
 from safe_inspect.simulators.row_terms.inputs import MemoryBase
@@ -49,26 +48,6 @@ class FusedGroup:
             *(group.agent.rewards[index].name for index in program.rewards),
             *(group.dones[index].name for index in program.dones),
         )
-
-    def command(self, action: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the clipped actions, shape (R, A), and the control that they command [N, N m], shape (R, C).
-
-        The result is None if the controllers are not plain, or an action is not finite.
-
-        Args:
-            action: Actions of shape (N, G, A), contiguous.
-        """
-        plain = self._group.thrusters.plain
-        if plain is None:
-            return None
-        axes, least, most = plain
-        if not action.flags.writeable:
-            action = action.copy()  # read-only is a different type for Numba, which would compile the kernel again
-        rows = len(action) * self._group.size
-        clipped, control = np.empty((rows, len(axes))), np.empty((rows, self._group.thrusters.size))
-        layout = self._group.action_layout
-        finite = command.dispatcher(action, layout.low, layout.high, least, most, axes, clipped, control)
-        return (clipped, control) if finite else None
 
     def observe(self, view: View, asked: BoolArray | None = None) -> AnyArray | None:
         """Return the observations, float32, shape (R, O); None if a value is not finite.

@@ -17,11 +17,9 @@ from safe_inspect.evaluation.onnx_policy import OnnxPolicy
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.modules.policy import TrainedPolicy
+from safe_inspect.glues.actions import CoastGlue, ControllerGlue, DiscreteControllerGlue
 from safe_inspect.glues.base import controller_of, sensor_of
-from safe_inspect.glues.coast_glue import CoastGlue
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.glues.discrete_controller_glue import DiscreteControllerGlue
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Largest accepted difference, relative to the range of the action or to the outputs of the net.

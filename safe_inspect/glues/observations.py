@@ -1,23 +1,87 @@
-"""Glues that compute an observation from sensor readings, such as a magnitude or a speed limit."""
+"""Glues of the observation: a sensor's reading, and quantities that are computed from readings."""
 
 from __future__ import annotations
 
+import functools
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import field_validator
 
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.glues.base import Bounds, ObservationGlue, Parts
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
+from safe_inspect.glues.normalizers import Normalization, Normalizer
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import SensorName
+from safe_inspect.simulators.protocols import ReadsState
 from safe_inspect.simulators.row_terms.inputs import GlueReading, SensorReading
 from safe_inspect.simulators.row_terms.plugin import RowCalls
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
+from safe_inspect.units import factor, unit
+
+
+class ObserveSensor(ObservationGlue):
+    """The reading of a sensor in `output_units`, normalised; shape (R, size of the sensor).
+
+    Attributes:
+        sensor: Name of the sensor.
+        output_units: Unit of the observation before normalisation. Default: the SI unit. A dimensionless sensor, such
+            as one of a direction, ignores it.
+        normalization: The normaliser to apply.
+    """
+
+    sensor: SensorName = "Sensor_Position"
+    output_units: str | None = None
+    normalization: Normalization = Normalization(enabled=False)
+
+    @field_validator("output_units")
+    @classmethod
+    def _known_unit(cls, value: str | None) -> str | None:
+        if value is not None:
+            unit(value)
+        return value
+
+    def names(self, parts: Parts) -> tuple[str, ...]:
+        """Return ``sensor.element`` for each element."""
+        return tuple(f"{self.sensor}.{element}" for element in sensor_of(parts, self.sensor).element_names)
+
+    def bounds(self, parts: Parts) -> Bounds:
+        """Return the bounds of the normalised reading.
+
+        Raises:
+            ValueError: The units or the normaliser do not match the sensor.
+        """
+        sensor = sensor_of(parts, self.sensor)
+        return self.normalization.bounds(*_limits(sensor.limits, sensor.size, self._scale(sensor.symbol)))
+
+    def __call__(self, view: View) -> FloatArray:
+        """Return the observation, shape (R, size)."""
+        scale, normalizer, low, high = self.prepared(view.group.sensors[self.sensor])
+        values = view.reading(self.sensor)
+        if scale != 1.0:
+            values = values * scale
+        return values if normalizer is None else normalizer(values, low, high)
+
+    def prepared(self, sensor: ReadsState) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
+        """Return what each observation of the sensor needs: scale, normaliser, low, high."""
+        scale = self._scale(sensor.symbol)
+        return scale, self.normalization.active, *_limits(sensor.limits, sensor.size, scale)
+
+    def _scale(self, symbol: str) -> float:
+        return 1.0 if self.output_units is None or symbol == "" else _per_unit(self.output_units, symbol)
+
+
+@functools.lru_cache(maxsize=256)
+def _per_unit(units: str, symbol: str) -> float:
+    return 1.0 / factor(units, symbol)
+
+
+@functools.lru_cache(maxsize=256)
+def _limits(bounds: tuple[float, float], size: int, scale: float) -> Bounds:
+    return np.full(size, bounds[0] * scale), np.full(size, bounds[1] * scale)
 
 
 class DerivedGlue(ObservationGlue, RowCalls):
@@ -55,12 +119,7 @@ class DerivedGlue(ObservationGlue, RowCalls):
         Raises:
             ValueError: The normaliser does not match the quantity.
         """
-        low, high = self.limits(parts)
-        normalizer = self.normalization.active
-        if normalizer is None:
-            return low, high
-        normalizer.check(len(low), low, high)
-        return normalizer(low, low, high), normalizer(high, low, high)
+        return self.normalization.bounds(*self.limits(parts))
 
     def __call__(self, view: View) -> FloatArray:
         """Return the observation, shape (R, size)."""
