@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import SEQUENTIAL, style
+from safe_inspect.figures.drawing import SEQUENTIAL, Figure, new_figure
 from safe_inspect.figures.rendezvous.polhode import POLHODE_VIEW, draw_polhode
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
@@ -16,9 +16,6 @@ from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEsti
 from safe_inspect.rendezvous.recording.format import TRUTH_PARTS
 from safe_inspect.rendezvous.recording.reader import SensorLog
 from safe_inspect.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _AXIS_COLOURS = (BLUE, GREEN, VERMILION)
 #: Corners of a box by the signs of x, y and z, and the pairs of corners that form its edges.
@@ -37,10 +34,7 @@ def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(10.5, 7.0), facecolor="white")
+    with new_figure(10.5, 7.0) as figure:
         _draw_frame(figure.add_axes((0.01, 0.52, 0.5, 0.42)), log, estimate)
         polhode: Any = figure.add_axes((0.03, 0.02, 0.46, 0.42))
         times = np.linspace(log.times[0], log.times[-1], 400)

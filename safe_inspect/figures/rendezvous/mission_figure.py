@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import style
+from safe_inspect.figures.drawing import Figure, new_figure
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
     FLIGHT,
@@ -24,10 +24,6 @@ from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
 from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.types import AnyArray, FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 #: Duration that is shown before the approach [s].
@@ -147,10 +143,7 @@ def mission_figure(record: MissionRecord) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(11.5, 7.4), facecolor="white")
+    with new_figure(11.5, 7.4) as figure:
         first = record.approach()
         _draw_scene(figure, record, first, in_target=False)
         _draw_scene(figure, record, first, in_target=True)
