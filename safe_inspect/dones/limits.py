@@ -10,8 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.plugins.functor import build
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.row_terms import EnvironmentArray, RowTerm
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import Group, Step
 from safe_inspect.simulators.world import World

@@ -12,8 +12,16 @@ from safe_inspect.simulators.row_terms.inputs import OwnArray, range_inputs
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.docking.region import DOCKED, docking_outcome, is_too_fast
-from safe_inspect.tasks.docking.speed_limit import DockingRegion, SpeedLimit, own_motion, reference_inputs, region_rule
+from safe_inspect.tasks.docking.speed_limit import (
+    DOCKED,
+    DockingRegion,
+    SpeedLimit,
+    docking_outcome,
+    is_too_fast,
+    own_motion,
+    reference_inputs,
+    region_rule,
+)
 from safe_inspect.tasks.rendezvous.mating import docking_inputs, is_docked, is_in_contact
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength, PositiveSpeed

@@ -2,9 +2,8 @@
 
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.environments.facades.flat_actions import FlatDiscreteActions
+from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
-from safe_inspect.environments.facades.single import InspectionEnv
-from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.registration import (
     build_spec,
     load_spec,

@@ -14,8 +14,7 @@ from safe_inspect.dynamics.coasting import coasting_position, grid, largest_coas
 from safe_inspect.geometry.visibility import inspect_in_binary_light, point_axes
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import PointsName
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World

@@ -17,8 +17,7 @@ from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.simulators.row_terms.inputs import BodyArray, EnvironmentArray, OwnArray, SensorMemory
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.row_terms import BodyArray, EnvironmentArray, OwnArray, RowTerm, SensorMemory
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import Group, View

@@ -14,8 +14,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.random.balls import normal_at, uniform_at
 from safe_inspect.random.splitmix import mix
-from safe_inspect.simulators.row_terms.inputs import SensorMemory
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.row_terms import RowTerm, SensorMemory
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World

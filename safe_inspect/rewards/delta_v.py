@@ -9,8 +9,7 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray, OwnArray
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.simulators.row_terms import AgentParameter, EnvironmentArray, OwnArray, RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray

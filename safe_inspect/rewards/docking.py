@@ -15,8 +15,15 @@ from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray,
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.docking.region import DOCKED, TOO_FAST, docking_outcome
-from safe_inspect.tasks.docking.speed_limit import DockingRegion, ReferenceSpeedLimit, own_motion, speed_excess
+from safe_inspect.tasks.docking.speed_limit import (
+    DOCKED,
+    TOO_FAST,
+    DockingRegion,
+    ReferenceSpeedLimit,
+    docking_outcome,
+    own_motion,
+    speed_excess,
+)
 from safe_inspect.tasks.rendezvous.mating import docking_error, docking_inputs, is_docked, is_in_contact
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, PositiveSpeed

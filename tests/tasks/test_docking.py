@@ -21,7 +21,7 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.platforms.docking_sensors import ApproachVelocitySensor
 from safe_inspect.policies import DockingAutopilot
-from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
+from safe_inspect.tasks.docking.speed_limit import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
 
 TASK = "safe_inspect/Docking-v0"
 N = 0.001027

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.environments.facades.single import InspectionEnv
-from safe_inspect.environments.facades.vector import InspectionVectorEnv
+from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, KeywordError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy

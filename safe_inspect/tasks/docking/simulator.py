@@ -1,9 +1,9 @@
-"""`CWHSimulator`: deputies about a chief in Clohessy-Wiltshire dynamics, with a monitor of their speed limit."""
+"""`CWHSimulator`: deputies about a chief in Clohessy-Wiltshire dynamics; their first states and speed limit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.geometry.distance import distance
 from safe_inspect.simulators.component import Component, PassiveComponent, RunningComponent
 from safe_inspect.simulators.offers import OwnOfView
+from safe_inspect.simulators.resets.initializers import Initializer, polar
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import View
@@ -106,3 +107,36 @@ class CWHSimulator(Simulator):
     def compose(self) -> tuple[Dynamics, Sequence[Component]]:
         """Return the dynamics and the monitor."""
         return ClohessyWiltshire(mean_motion=self.mean_motion), (self.speed_limit,)
+
+
+class Docking3DRadialInitializer(SpeedLimit, Initializer):
+    """Position in polar form, and a velocity whose size is a fraction of the docking speed limit at that range.
+
+    position = radius [cos(az) cos(el), sin(az) cos(el), sin(el)]. The velocity has the same form with the size
+    vel_max_ratio (velocity_threshold + slope n max(radius - threshold_distance, 0)). Hill frame.
+
+    Returns:
+        ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3).
+    """
+
+    parameters: ClassVar[Mapping[str, str | None]] = {
+        "radius": "m",
+        "azimuth_angle": "rad",
+        "elevation_angle": "rad",
+        "vel_max_ratio": "",
+        "vel_azimuth_angle": "rad",
+        "vel_elevation_angle": "rad",
+    }
+    gives: ClassVar[Mapping[str, int]] = {"position": 3, "velocity": 3}
+
+    mean_motion: PositiveAngularRate = 0.001027
+
+    def __call__(self, values: Mapping[str, Any]) -> dict[str, FloatArray]:
+        """Return the states for the sampled polar values."""
+        beyond = np.maximum(values["radius"] - self.threshold_distance, 0.0)
+        limit = self.velocity_threshold + self.slope * self.mean_motion * beyond
+        speed = values["vel_max_ratio"] * limit
+        return {
+            "position": polar(values["radius"], values["azimuth_angle"], values["elevation_angle"]),
+            "velocity": polar(speed, values["vel_azimuth_angle"], values["vel_elevation_angle"]),
+        }

@@ -16,10 +16,9 @@ from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.tasks.inspection.free_rotation import FreeRotation
 from safe_inspect.tasks.inspection.fuel_price import FuelPrice, FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import CameraAndPoints, InspectionPoints
-from safe_inspect.tasks.inspection.rotation import ChiefRotation
+from safe_inspect.tasks.inspection.rotation import ChiefRotation, FreeRotation
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.units import AngularRate, PositiveAngularRate
 
