@@ -77,7 +77,8 @@ def decide(
                 follow(flights.running)
             flown = flights.rows[flights.running]
             if decided is None:
-                infos = [_copies(transition_info(group, transition.filtered)) for group in found]
+                kept = [transition_info(group, transition.filtered) for group in found]
+                infos = [{name: np.array(array) for name, array in info.items()} for info in kept]
                 decided = Decided(found, infos, transition.over.copy())
                 for group in found:
                     for value in (group.reward, *group.terms.values()):
@@ -177,10 +178,6 @@ class _Flights:
         self._leave()
         for each in self._paused:
             self._whole.simulation.unpause(each)
-
-
-def _copies(info: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    return {name: np.array(array) for name, array in info.items()}
 
 
 def _add(decided: Decided, found: list[Transition], rows: IntArray, running: BoolArray, weights: AnyArray) -> None:

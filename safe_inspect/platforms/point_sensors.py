@@ -31,6 +31,28 @@ from safe_inspect.types import FloatArray
 _MEMORY = ("centres", "count", "candidates", "settled")
 
 
+def _call(kernel: Any, view: View, name: str, entity: str, memory: tuple[str, ...], *more: Any) -> None:
+    """Call a kernel of the points of a body, as seen by each deputy of a group. The state keeps its arguments.
+
+    Args:
+        kernel: The kernel.
+        view: The state.
+        name: Name of the sensor.
+        entity: The body.
+        memory: The arrays of the sensor that it writes.
+        *more: Its last arguments.
+    """
+    state, group, model = view.writable, view.group, view.world.points[entity]
+    bound = state.bound.get((group.name, name))
+    if bound is None:
+        position, sun = (state[array_in_axes_of(entity, view.world, array)] for array in ("position", "sun_direction"))
+        seen = position, model.body, (group.first, group.size), sun, model.surface, state.points[entity].inspector
+        own = (state.memory[group.name, name, array] for array in memory)
+        bound = state.bound[group.name, name] = kernel.dispatcher, (*seen, *own, *more)
+    call, arguments = bound
+    call(*arguments)
+
+
 class InspectedPointsSensor(Sensor, name="Sensor_InspectedPoints"):
     """Number of points that one deputy was the first to inspect [-], shape (R, 1).
 
@@ -131,27 +153,8 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         if self.backend == "sklearn":
             self._remember_with_sklearn(view, name)
             return
-        bound = view.writable.bound.get((view.group.name, name))
-        call, arguments = bound or self._bind(view, name)
-        call(*arguments)
-
-    def _bind(self, view: View, name: str) -> tuple[Any, tuple[Any, ...]]:
-        state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
-        found = state.bound[group.name, name] = (
-            cluster_candidates.dispatcher,
-            (
-                state[array_in_axes_of(model.entity, view.world, "position")],
-                model.body,
-                (group.first, group.size),
-                state[array_in_axes_of(model.entity, view.world, "sun_direction")],
-                model.surface,
-                state.points[self.inspection_entity_name].inspector,
-                *(state.memory[group.name, name, array] for array in _MEMORY),
-                RowDraws(state.key, state.step),
-                self._rule,
-            ),
-        )
-        return found
+        draws = RowDraws(view.writable.key, view.writable.step)
+        _call(cluster_candidates, view, name, self.inspection_entity_name, _MEMORY, draws, self._rule)
 
     def _remember_with_sklearn(self, view: View, name: str) -> None:
         points = view.points(self.inspection_entity_name)
@@ -261,20 +264,7 @@ class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMomen
 
     def remember(self, view: View, name: str) -> None:
         """Compute the moments of every row."""
-        bound = view.writable.bound.get((view.group.name, name))
-        call, arguments = bound or self._bind(view, name)
-        call(*arguments)
-
-    def _bind(self, view: View, name: str) -> tuple[Any, tuple[Any, ...]]:
-        state, group, model = view.writable, view.group, view.world.points[self.inspection_entity_name]
-        seen = ("position", "sun_direction")
-        position, sun = (state[array_in_axes_of(model.entity, view.world, array)] for array in seen)
-        inspector, moments = state.points[model.entity].inspector, state.memory[group.name, name, _SUMS]
-        found = state.bound[group.name, name] = (
-            uninspected_moments.dispatcher,
-            (position, model.body, (group.first, group.size), sun, model.surface, inspector, moments),
-        )
-        return found
+        _call(uninspected_moments, view, name, self.inspection_entity_name, (_SUMS,))
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the moments [-], Hill frame."""

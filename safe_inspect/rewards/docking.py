@@ -41,15 +41,8 @@ def _approach(factors: FloatArray, step: int, before: FloatArray, after: FloatAr
 
 
 @njit
-def _violation(
-    line: FloatArray,
-    scale: float,
-    bias: float,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> float:
+def _violation(line: FloatArray, scale: float, bias: float, *motion: FloatArray) -> float:
+    position, velocity, reference, reference_velocity = motion
     excess = speed_excess(line, distance(position, reference), distance(velocity, reference_velocity))
     return scale * excess + bias if excess > 0.0 else 0.0
 

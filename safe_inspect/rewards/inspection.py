@@ -17,13 +17,8 @@ from safe_inspect.units import PositiveLength
 
 
 @njit
-def _new_points(scale: float, step_before: int, before: int, after: int) -> float:
+def _gained(scale: float, step_before: int, before: float, after: float) -> float:
     return scale * float(after - (0 if step_before == 0 else before))
-
-
-@njit
-def _new_weight(scale: float, step_before: int, before: float, after: float) -> float:
-    return scale * (after - (0.0 if step_before == 0 else before))
 
 
 @njit
@@ -56,8 +51,7 @@ class ObservedPointsReward(Reward):
         """Return the row kernel: scale times the number or the weight of new points."""
         name = f"points/{self.inspection_entity_name}/{'team_score' if self.weighted_priority else 'team_count'}"
         before = EnvironmentArray("step", before=True), EnvironmentArray(name, before=True)
-        kernel = _new_weight if self.weighted_priority else _new_points
-        return RowTerm(kernel, (self.scale, *before, EnvironmentArray(name)))
+        return RowTerm(_gained, (self.scale, *before, EnvironmentArray(name)))
 
 
 class InspectionSuccessReward(Completion, Reward):

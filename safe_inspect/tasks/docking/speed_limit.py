@@ -128,16 +128,7 @@ OUTSIDE, DOCKED, TOO_FAST = 0, 1, 2
 
 
 @njit
-def entry_speed(
-    radius: float,
-    dt: float,
-    position_before: FloatArray,
-    velocity_before: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> float:
+def entry_speed(radius: float, dt: float, *motion: FloatArray) -> float:
     """Return the relative speed at which a deputy first enters a ball during a step [m/s], or -1 if it does not.
 
     The path relative to the ball, whose velocity is constant, is the cubic with the positions and velocities of the two
@@ -147,13 +138,10 @@ def entry_speed(
     Args:
         radius: Radius of the ball [m].
         dt: Length of the step [s]; 0: only the end of the step is checked.
-        position_before: Position at the start of the step [m], shape (3,).
-        velocity_before: Velocity at the start of the step [m/s], shape (3,).
-        position: Position at the end of the step [m], shape (3,).
-        velocity: Velocity at the end of the step [m/s], shape (3,).
-        reference: Centre of the ball at the end of the step [m], shape (3,).
-        reference_velocity: Velocity of the ball [m/s], shape (3,).
+        *motion: Position [m] and velocity [m/s] at the start of the step, then both at its end, then the centre of the
+            ball at the end of the step [m] and its velocity [m/s], each of shape (3,).
     """
+    position_before, velocity_before, position, velocity, reference, reference_velocity = motion
     end, end_speed = distance(position, reference), distance(velocity, reference_velocity)
     if dt > 0.0:
         # The control points of the cubic's derivative bound the speed: the two velocities, and the one between them.

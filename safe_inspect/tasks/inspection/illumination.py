@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
-from safe_inspect.tasks.inspection.sun import WrittenDate, require_one_direction
-from safe_inspect.units import ElevationAngle, Length, NonNegativeLength, PositiveAngularRate, PositiveLength
+from safe_inspect.tasks.inspection.sun import SunDirection
+from safe_inspect.units import Length, NonNegativeLength, PositiveAngularRate, PositiveLength
 
 
 class LightProperties(BaseModel):
@@ -39,17 +39,13 @@ class SurfaceProperties(BaseModel):
     reflection: float = Field(default=0.5, ge=0, le=1)
 
 
-class IlluminationParams(BaseModel):
+class IlluminationParams(SunDirection):
     """Properties of the sun and its light.
 
     Attributes:
         mean_motion: Rate of the sun's angle [rad/s].
         avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel on the chief, and the distance only determines
             the penumbra of an eclipse.
-        eclipse: Whether the Earth hides the sun on a part of each orbit, in which no point is lit; see `Sun`.
-        beta_angle: Angle between the sun and the orbital plane [rad]; None: the sun is in the plane. See `Sun`.
-        date: Date and time (UTC) of the sun's direction, on a `RelativeOrbit`; None: the sun's angles are drawn. See
-            `Sun`.
         light_properties: Colour of the light.
         chief_properties: Colour of the chief's surface.
         bin_ray_flag: True: a point is lit if its ray to the sun is free, and dark otherwise. False: Blinn-Phong colour.
@@ -66,9 +62,6 @@ class IlluminationParams(BaseModel):
 
     mean_motion: PositiveAngularRate = 0.001027
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
-    eclipse: bool = False
-    beta_angle: ElevationAngle | None = None
-    date: WrittenDate | None = None
     light_properties: LightProperties = LightProperties()
     chief_properties: SurfaceProperties = SurfaceProperties()
     bin_ray_flag: bool = True
@@ -95,11 +88,6 @@ class IlluminationParams(BaseModel):
             shininess=chief.shininess,
             ray_offset=self.ray_offset,
         )
-
-    @model_validator(mode="after")
-    def _one_direction(self) -> IlluminationParams:
-        require_one_direction(self)
-        return self
 
     @model_validator(mode="after")
     def _no_rendering(self) -> IlluminationParams:

@@ -135,12 +135,6 @@ class PointsView:
         """Summed weight of the points that the team has inspected, 0 to 1, shape (R,)."""
         return self._view.per_environment(self._state.team_score)
 
-    def score_of(self, platform: str | None = None) -> FloatArray:
-        """Return the summed weight of the points first inspected by one deputy, by default the own one, shape (R,)."""
-        if platform is None:
-            return self._view.per_agent(self._state.own_score)
-        return self._view.per_environment(self._state.own_score[:, self._view.world.bodies[platform]])
-
     @cached_property
     def lit(self) -> BoolArray:
         """Points that are lit well enough for an inspection from the agent's own position, shape (R, P)."""

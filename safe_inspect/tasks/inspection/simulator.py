@@ -6,20 +6,19 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from pydantic import model_validator
+from pydantic import BaseModel, model_validator
 
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.orbit.shadow import earth_shadow
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPrice, FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import CameraAndPoints, InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation, FreeRotation
-from safe_inspect.tasks.inspection.sun import Sun
+from safe_inspect.tasks.inspection.sun import Sun, SunDirection
 from safe_inspect.units import AngularRate, PositiveAngularRate
 
 
@@ -78,21 +77,18 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
             turning = (ChiefRotation(free=free),)
         elif any(spin):
             turning = (ChiefRotation(angular_velocity=spin),)
+        if light is None:
+            sun = Sun(rate=self.mean_motion)
+        else:
+            sun = Sun(rate=light.mean_motion, distance=light.avg_rad_Earth2Sun, **_of(light, SunDirection))
         return dynamics, (
-            Sun(rate=self.mean_motion)
-            if light is None
-            else Sun(
-                rate=light.mean_motion,
-                eclipse=light.eclipse,
-                distance=light.avg_rad_Earth2Sun,
-                beta_angle=light.beta_angle,
-                date=light.date,
-            ),
+            sun,
             *turning,
-            InspectionPoints(**self._of(CameraAndPoints), report_score=self.delta_v_updater_criteria == "score"),
-            FuelPriceSchedule(**self._of(FuelPrice)),
+            InspectionPoints(**_of(self, CameraAndPoints), report_score=self.delta_v_updater_criteria == "score"),
+            FuelPriceSchedule(**_of(self, FuelPrice)),
         )
 
-    def _of(self, fields: type[Plugin]) -> dict[str, Any]:
-        """Return the values of the fields that a base class defines, for the component that has them too."""
-        return {name: getattr(self, name) for name in fields.model_fields}
+
+def _of(model: BaseModel, fields: type[BaseModel]) -> dict[str, Any]:
+    """Return the values of the fields that a base class of a model defines, for the component that has them too."""
+    return {name: getattr(model, name) for name in fields.model_fields}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BaseModel, BeforeValidator, model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import Dynamics
@@ -139,14 +139,26 @@ def _written_date(value: Any) -> Any:
 WrittenDate = Annotated[datetime, BeforeValidator(_written_date)]
 
 
-def require_one_direction(sun: Any) -> None:
-    """Check that not both `date` and `beta_angle` are given.
+class SunDirection(BaseModel):
+    """Fields of the models that set the direction of the sun, and whether the Earth hides it; see `Sun`.
 
-    Raises:
-        ValueError: Both are.
+    Attributes:
+        eclipse: Whether the Earth hides the sun on a part of each orbit, in which no point is lit.
+        beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
+            parameter ``beta_angle`` replaces; None: the sun is in the plane.
+        date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
+            date in all episodes, and ``sun_angle`` is not used. Excludes `beta_angle`. None: these two determine it.
     """
-    if sun.date is not None and sun.beta_angle is not None:
-        raise ValueError("`date` and `beta_angle` exclude each other; remove one of them")
+
+    eclipse: bool = False
+    beta_angle: ElevationAngle | None = None
+    date: WrittenDate | None = None
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> Self:
+        if self.date is not None and self.beta_angle is not None:
+            raise ValueError("`date` and `beta_angle` exclude each other; remove one of them")
+        return self
 
 
 def sun_on(date: datetime) -> tuple[float, float, float]:
@@ -161,7 +173,7 @@ def sun_on(date: datetime) -> tuple[float, float, float]:
     return math.cos(along), math.cos(tilt) * math.sin(along), math.sin(tilt) * math.sin(along)
 
 
-class Sun(PassiveComponent):
+class Sun(SunDirection, PassiveComponent):
     """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
@@ -177,12 +189,7 @@ class Sun(PassiveComponent):
 
     Attributes:
         rate: Rate of the angle [rad/s], except on a `RelativeOrbit`.
-        eclipse: Whether the Earth hides the sun.
         distance: Distance of the sun [m]; it determines the apparent size of the disc.
-        beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
-            parameter ``beta_angle`` replaces; None: the sun is in the plane.
-        date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
-            date in all episodes, and ``sun_angle`` is not used. Excludes `beta_angle`. None: these two determine it.
     """
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
@@ -190,15 +197,7 @@ class Sun(PassiveComponent):
     optional_parameters: ClassVar[Mapping[str, str]] = {BETA: "its `beta_angle` is set, as by `illumination_params`"}
 
     rate: PositiveAngularRate = 0.001027
-    eclipse: bool = False
     distance: PositiveLength = 150e9
-    beta_angle: ElevationAngle | None = None
-    date: WrittenDate | None = None
-
-    @model_validator(mode="after")
-    def _one_direction(self) -> Sun:
-        require_one_direction(self)
-        return self
 
     @property
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]

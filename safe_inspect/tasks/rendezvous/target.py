@@ -29,7 +29,7 @@ from safe_inspect.tasks.rendezvous.shape import (
     boxes_in_principal_axes,
 )
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import Length, PositiveDuration
+from safe_inspect.units import Length
 
 
 class TargetBody(NamedTuple):
@@ -100,6 +100,8 @@ def follow_target(body: TargetBody, dt: float, steps: int, arrays: TargetArrays,
 
 
 _TUMBLE = "target_tumble"
+#: Longest step of the fourth-order Runge-Kutta method [s].
+_LONGEST_STEP = 0.5
 _AT_REST: Mapping[str, Any] = {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": 0.0}
 #: Names of the arrays, in the order of `TargetArrays`.
 _OF_TARGET = ("target_orientation", "target_angular_velocity", "mating_point_position", "mating_point_velocity")
@@ -123,7 +125,6 @@ class TumblingTarget(PassiveComponent):
         inertia: Inertia about the centre of mass in M [kg m^2]; a common factor does not matter.
         scale: Size of the target relative to full scale [-].
         mating_point: Position of the chaser's centre when docked, in T [m]; not scaled.
-        integration_step: Longest step of the fourth-order Runge-Kutta method [s].
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {_TUMBLE: None}
@@ -132,7 +133,6 @@ class TumblingTarget(PassiveComponent):
     inertia: Matrix3 = ENVISAT_INERTIA
     scale: float = Field(default=0.05, gt=0)
     mating_point: tuple[Length, Length, Length] = (0.0, 0.45, 0.0)
-    integration_step: PositiveDuration = 0.5
 
     @field_validator("inertia")
     @classmethod
@@ -145,7 +145,7 @@ class TumblingTarget(PassiveComponent):
         moments, rotation = principal_axes(np.array(self.inertia))
         boxes = boxes_in_principal_axes(self.boxes, self.scale, rotation)
         body = TargetBody(moments / moments[2], np.array(self.mating_point, dtype=np.float64), boxes)
-        steps = math.ceil(world.step_size / self.integration_step - 1e-9)
+        steps = math.ceil(world.step_size / _LONGEST_STEP - 1e-9)
         return _RunningTarget(body, world.step_size / steps, steps, world.num_deputies)
 
 
