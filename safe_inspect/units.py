@@ -188,6 +188,8 @@ PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
 #: Full angle of a cone, up to 2 pi, which contains every direction.
 ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
+#: Full angle of a cone about a line to a body, up to a half-space.
+ConeToBody = quantity("rad", gt=0, le=math.pi)
 PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
 PositiveMomentOfInertia = quantity("kg m^2", gt=0)
 Torque = quantity("N m")

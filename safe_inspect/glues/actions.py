@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -116,14 +117,10 @@ class CoastGlue(ActionGlue):
         durations: Possible durations of a decision [control steps], including the step with thrust, in ascending order.
     """
 
-    durations: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 64)
+    durations: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(1, 2, 4, 8, 16, 32, 64), min_length=1)
 
     @model_validator(mode="after")
     def _ascending(self) -> CoastGlue:
-        if not self.durations:
-            raise ValueError("`durations` is empty; give one or more numbers of control steps")
-        if self.durations[0] < 1:
-            raise ValueError(f"a duration must be at least 1 control step, not {self.durations[0]}; change `durations`")
         if any(second <= first for first, second in zip(self.durations, self.durations[1:], strict=False)):
             raise ValueError(f"`durations` {list(self.durations)} must be in ascending order, without repetitions")
         return self

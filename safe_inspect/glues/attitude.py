@@ -6,7 +6,6 @@ import math
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
@@ -223,14 +222,6 @@ class DotProductGlue(DerivedGlue):
         ObserveSensor(sensor="Sensor_Velocity"),
     )
     normalize_vectors: bool = False
-
-    @model_validator(mode="before")
-    @classmethod
-    def _two(cls, data: Any) -> Any:
-        wrapped = data.get("wrapped") if isinstance(data, dict) else None
-        if isinstance(wrapped, (list, tuple)) and len(wrapped) != 2:
-            raise ValueError(f"`wrapped` must be two glues, not {len(wrapped)}")
-        return data
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return ``a . b``."""

@@ -10,7 +10,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.geometry.distance import distance
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_difference, copy_number
+from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.view import Group
@@ -78,14 +78,6 @@ class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity")
 
 
 @njit
-def _first_axes(orientation: FloatArray, reading: FloatArray) -> None:
-    x, y = rotated(orientation, 1.0, 0.0, 0.0), rotated(orientation, 0.0, 1.0, 0.0)
-    for k in range(3):
-        reading[k] = min(max(x[k], -1.0), 1.0)
-        reading[3 + k] = min(max(y[k], -1.0), 1.0)
-
-
-@njit
 def _in_world(orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
     turned = rotated(orientation, vector[0], vector[1], vector[2])
     for k in range(3):
@@ -122,7 +114,7 @@ class TargetAxesSensor(Sensor, name="Sensor_TargetAxes"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the first two columns of R_WT [-]."""
-        return RowTerm(_first_axes, (EnvironmentArray("target_orientation"),))
+        return RowTerm(copy_axes, (0, EnvironmentArray("target_orientation")))
 
 
 class TargetAngularVelocitySensor(Sensor, name="Sensor_TargetAngularVelocity"):

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import field_validator
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_difference, copy_number, copy_vector
+from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number, copy_vector
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.row_terms.inputs import BodyArray, EnvironmentArray, OwnArray, own_estimate
@@ -134,14 +133,6 @@ def _constant(x: float, y: float, z: float, reading: FloatArray) -> None:
 
 
 @njit
-def _other_axes(orientation: FloatArray, reading: FloatArray) -> None:
-    y, z = rotated(orientation, 0.0, 1.0, 0.0), rotated(orientation, 0.0, 0.0, 1.0)
-    for k in range(3):
-        reading[k] = min(max(y[k], -1.0), 1.0)
-        reading[3 + k] = min(max(z[k], -1.0), 1.0)
-
-
-@njit
 def _drift(mean_motion: float, position: FloatArray, velocity: FloatArray, reading: FloatArray) -> None:
     reading[0] = 2.0 * mean_motion * position[0] + velocity[1]
 
@@ -197,7 +188,7 @@ class RotatedAxesSensor(Sensor, name="Sensor_RotatedAxes"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the axes [-]."""
-        return RowTerm(_other_axes, (OwnArray("orientation"),))
+        return RowTerm(copy_axes, (1, OwnArray("orientation")))
 
 
 class RelativePositionSensor(Sensor, name="Sensor_RelativePosition"):

@@ -24,7 +24,7 @@ from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsModel, PointsOf
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import Angle, ConeOfView, PositiveLength
+from safe_inspect.units import ConeOfView, ConeToBody, PositiveLength
 
 #: The reset parameters that give the priority vector.
 _AZIMUTH, _ELEVATION = "priority_vector_azimuth_angle", "priority_vector_elevation_angle"
@@ -68,16 +68,9 @@ class CameraAndPoints(Plugin):
 
     inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
     illumination_params: IlluminationParams | None = IlluminationParams()
-    field_of_view: Angle = math.pi
+    field_of_view: ConeToBody = math.pi
     sensor_fov: ConeOfView | None = None
     initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
-
-    @field_validator("field_of_view")
-    @classmethod
-    def _full_angle(cls, value: float) -> float:
-        if not 0.0 < value <= math.pi:
-            raise ValueError(f"`field_of_view` must be a full angle in (0, pi], not {value} rad")
-        return value
 
     _has_length = field_validator("initial_sensor_unit_vec")(require_length)
 
