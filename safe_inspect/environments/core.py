@@ -7,8 +7,7 @@ from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import Transition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators import State, View
 from safe_inspect.types import AnyArray, IntArray
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from safe_inspect.environments.layout import Layout
 from safe_inspect.errors import ArgumentError, PluginValueError
 from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators import State, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 #: Environment variable with the folder for states that caused an error; during training it is the run folder.

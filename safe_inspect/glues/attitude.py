@@ -14,9 +14,8 @@ from safe_inspect.glues.base import Bounds, Parts
 from safe_inspect.glues.observations import DerivedGlue, ObserveSensor, wrapped_input
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 

@@ -11,10 +11,9 @@ from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.geometry.distance import distance
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit, speed_limit
 from safe_inspect.types import FloatArray
 

@@ -15,10 +15,9 @@ from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray, RowInput
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
 

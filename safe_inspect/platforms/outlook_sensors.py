@@ -14,10 +14,8 @@ from safe_inspect.dynamics.coasting import coasting_position, grid, largest_coas
 from safe_inspect.geometry.visibility import inspect_in_binary_light, point_axes
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import PointsName
+from safe_inspect.simulators import Group, Simulator, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm
-from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation, rotating_body
 from safe_inspect.types import FloatArray

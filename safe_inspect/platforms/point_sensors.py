@@ -16,12 +16,10 @@ from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
+from safe_inspect.simulators import Group, Simulator, View, World
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.row_terms import BodyArray, EnvironmentArray, OwnArray, RowTerm, SensorMemory
-from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import Group, View
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body, turned_direction_to_nearest
 from safe_inspect.tasks.inspection.uninspected_moments import MOMENTS, turn_moments, uninspected_moments

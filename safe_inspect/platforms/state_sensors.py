@@ -12,12 +12,10 @@ from safe_inspect.compiling import njit
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number, copy_vector
 from safe_inspect.plugins.plugin import EntityName
+from safe_inspect.simulators import Group, Simulator, World
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.simulators.row_terms.inputs import BodyArray, EnvironmentArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 

@@ -10,9 +10,8 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rewards.base import Reward
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms import AgentParameter, EnvironmentArray, OwnArray, RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveMass
 

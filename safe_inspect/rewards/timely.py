@@ -11,9 +11,8 @@ from safe_inspect.compiling import njit
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import DoneName
 from safe_inspect.rewards.base import Reward, paid_if
+from safe_inspect.simulators import Group, Step, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, RowTerm
-from safe_inspect.simulators.view import Group, Step
-from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration
 

@@ -12,10 +12,9 @@ from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.glues.normalizers import Affine
 from safe_inspect.glues.observations import DerivedGlue, ObserveSensor
+from safe_inspect.simulators import State, World
 from safe_inspect.simulators.row_terms.inputs import GlueReading, Intervening, OwnArray, Scene
 from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, place_term
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 _FLOAT = np.dtype(np.float64).itemsize

@@ -10,11 +10,9 @@ from safe_inspect.environments.finite_checks import all_finite, require_finite
 from safe_inspect.environments.fused import kernel
 from safe_inspect.environments.fused.program import PlacedProgram, Program
 from safe_inspect.environments.group import AgentGroup, StepOutcome
+from safe_inspect.simulators import State, Step, View, World
 from safe_inspect.simulators.row_terms.inputs import MemoryBase
 from safe_inspect.simulators.row_terms.loops import address_of
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import Step, View
-from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 

@@ -9,10 +9,7 @@ from typing import Any, Literal
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.random.balls import draw_in_ball, uniform_at
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OwnOfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, OwnOfView, RunningComponent, State, World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 
 

@@ -12,10 +12,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.errors import ArgumentError
 from safe_inspect.random.balls import normal_at
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OwnOfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, OwnOfView, RunningComponent, State, World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 from safe_inspect.units import PositiveLength, PositiveSpeed
 

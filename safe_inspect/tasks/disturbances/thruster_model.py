@@ -13,10 +13,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.errors import ArgumentError
 from safe_inspect.random.balls import uniform_at
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, OfView, RunningComponent, State, World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 from safe_inspect.units import NonNegativeDuration, NonNegativeImpulse, NonNegativeMass, PositiveDuration, SmallAngle
 

@@ -9,10 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.component import PassiveComponent, RunningComponent
-from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
 from safe_inspect.tasks.inspection.points_view import PointsModel
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 

@@ -14,11 +14,8 @@ from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Credit
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.component import PassiveComponent, RunningComponent
-from safe_inspect.simulators.offers import OfView
+from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
 from safe_inspect.simulators.resets.attitudes import require_length
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera
 from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsModel, PointsOf

@@ -17,11 +17,8 @@ from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.nearest import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.random.balls import uniform_at
-from safe_inspect.simulators.component import PassiveComponent, RunningComponent
-from safe_inspect.simulators.offers import OfView
+from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
 from safe_inspect.simulators.resets.attitudes import require_length
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import LIGHT
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import AngularRate, NonNegativeAngularRate, PositiveMomentOfInertia

@@ -13,8 +13,7 @@ from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.orbit.shadow import earth_shadow
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.simulators.component import Component
-from safe_inspect.simulators.simulator import Simulator
+from safe_inspect.simulators import Component, Simulator
 from safe_inspect.tasks.inspection.fuel_price import FuelPrice, FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import CameraAndPoints, InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation, FreeRotation

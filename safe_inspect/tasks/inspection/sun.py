@@ -17,10 +17,8 @@ from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
 from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
 from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
 from safe_inspect.errors import ArgumentError
-from safe_inspect.simulators.component import Component, EntityParameter, PassiveComponent, RunningComponent
-from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, OfView, PassiveComponent, RunningComponent, State, World
+from safe_inspect.simulators.component import EntityParameter
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import ElevationAngle, PositiveAngularRate, PositiveLength
 

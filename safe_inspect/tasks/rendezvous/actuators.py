@@ -6,9 +6,7 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.random.balls import uniform_at
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, RunningComponent, State, World
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 from safe_inspect.units import NonNegativeForce, NonNegativeTorque, PositiveForce, PositiveTorque
 

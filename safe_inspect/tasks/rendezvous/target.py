@@ -16,11 +16,7 @@ from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.errors import InitialStateError
 from safe_inspect.geometry.box_distance import BoxArrays, box_distance
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.simulators.component import PassiveComponent, RunningComponent
-from safe_inspect.simulators.offers import OfView, OwnOfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import View
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import OfView, OwnOfView, PassiveComponent, RunningComponent, State, View, World
 from safe_inspect.tasks.rendezvous.shape import (
     ENVISAT_BOXES,
     ENVISAT_INERTIA,
