@@ -14,11 +14,11 @@ from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     DockingRegion,
+    ReferenceSensors,
     SpeedLimit,
     docking_outcome,
     is_too_fast,
     own_motion,
-    reference_inputs,
     region_rule,
 )
 from safe_inspect.tasks.rendezvous.mating import docking_inputs, is_docked, is_in_contact
@@ -44,24 +44,20 @@ class MaxDistanceDoneFunction(DoneFunction):
         return RowTerm(is_farther, (self.max_distance, *range_inputs(self.reference_position_sensor_name)))
 
 
-class CrashDoneFunction(DoneFunction):
+class CrashDoneFunction(ReferenceSensors, DoneFunction):
     """Lose when the range to the reference falls below `crash_region_radius`; shape (R,).
 
     With a `velocity_constraint`, the deputy loses only if it enters the region above the speed limit.
 
     Attributes:
         crash_region_radius: Smallest range [m].
-        reference_position_sensor_name: Sensor of the reference's position. Default: the origin of Hill's frame.
-        reference_velocity_sensor_name: Sensor of the reference's velocity; used only with a `velocity_constraint`.
-        velocity_constraint: The speed limit; see `SpeedLimit`.
+        velocity_constraint: The speed limit; see `SpeedLimit`. The velocity of the reference is used only with it.
         along_step: Used only with a `velocity_constraint`; see `DockingRegion`.
     """
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
 
     crash_region_radius: PositiveLength = 10.0
-    reference_position_sensor_name: SensorName | None = None
-    reference_velocity_sensor_name: SensorName | None = None
     velocity_constraint: SpeedLimit | None = None
     along_step: bool = True
 
@@ -69,9 +65,8 @@ class CrashDoneFunction(DoneFunction):
         """Return the row kernel that decides whether the range is too small, or was reached too fast."""
         limit = self.velocity_constraint
         if limit is not None:
-            references = self.reference_position_sensor_name, self.reference_velocity_sensor_name
             rule = region_rule(limit, world, self.crash_region_radius, self.along_step)
-            return RowTerm(is_too_fast, (rule, *own_motion(before=True), *own_motion(), *reference_inputs(*references)))
+            return RowTerm(is_too_fast, (rule, *own_motion(before=True), *own_motion(), *self.reference_inputs()))
         return RowTerm(is_nearer, (self.crash_region_radius, *range_inputs(self.reference_position_sensor_name)))
 
 

@@ -141,7 +141,7 @@ class _Flights:
             flying = group.active & ~group.done
             settled |= (group.done | (flying & again)).any(axis=1)
         settled &= self.running
-        self.part.observe_missing(transition, settled)
+        self.part.observe_missing(transition.groups, settled)
         return transition, found, settled
 
     def stop(self, settled: BoolArray) -> None:

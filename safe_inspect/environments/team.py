@@ -287,8 +287,7 @@ class TeamEnvironment:
             )
         if self.spec.shared_dones and self._share(transitions, active, fired):
             ended = True
-            for group, transition in zip(self.groups, transitions, strict=True):  # a shared done may end a coast
-                self._observe_missing(group, transition, transition.done)
+            self.observe_missing(transitions)  # a shared done may end a coast
         if ended:
             finished = simulation.state.finished
             finished[...] = self._statuses(transitions)
@@ -313,20 +312,21 @@ class TeamEnvironment:
             part.observes_coasting = False
         return self._parts[size]
 
-    def observe_missing(self, transition: TeamTransition, rows: BoolArray) -> None:
-        """Compute the observations that the last step has left out in a mask of environments, shape (N,)."""
-        for group, found in zip(self.groups, transition.groups, strict=True):
-            self._observe_missing(group, found, rows[:, None])
+    def observe_missing(self, transitions: Sequence[Transition], rows: BoolArray | None = None) -> None:
+        """Compute the observations that the last step has left out.
 
-    @staticmethod
-    def _observe_missing(group: AgentGroup, transition: Transition, wanted: BoolArray) -> None:
-        """Compute the observations that a step has left out for some agents, a mask of shape (N, G)."""
-        missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
-        if group.fused is not None and missing.any():
-            view = transition.step.after
-            found = group.fused.observe(view, missing)
-            found = group.observe(view).reshape(len(missing), -1) if found is None else found
-            transition.observation.reshape(found.shape)[missing] = found[missing]
+        Args:
+            transitions: The transitions of all groups.
+            rows: Mask of the environments in which they are computed, shape (N,). Default: for agents that have ended.
+        """
+        for group, transition in zip(self.groups, transitions, strict=True):
+            wanted = transition.done if rows is None else rows[:, None]
+            missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
+            if group.fused is not None and missing.any():
+                view = transition.step.after
+                found = group.fused.observe(view, missing)
+                found = group.observe(view).reshape(len(missing), -1) if found is None else found
+                transition.observation.reshape(found.shape)[missing] = found[missing]
 
     @staticmethod
     def _statuses(transitions: list[Transition]) -> AnyArray:

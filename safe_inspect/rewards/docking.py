@@ -18,7 +18,8 @@ from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     TOO_FAST,
     DockingRegion,
-    ReferenceSpeedLimit,
+    ReferenceSensors,
+    SpeedLimit,
     docking_outcome,
     own_motion,
     speed_excess,
@@ -76,7 +77,7 @@ class DockingDistanceExponentialChangeReward(Reward):
         return RowTerm(_approach, (factors, *inputs))
 
 
-class DockingVelocityConstraintReward(ReferenceSpeedLimit, Reward):
+class DockingVelocityConstraintReward(ReferenceSensors, SpeedLimit, Reward):
     """Pay scale (speed - L) + bias in a step that ends with a speed above the limit L; shape (R,).
 
     Attributes:

@@ -35,8 +35,8 @@ from safe_inspect.simulators import (
     TruncatedNormalParameter,
     UniformParameter,
 )
-from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
+from safe_inspect.tasks.inspection.sun import IlluminationParams
 from safe_inspect.testing import check_plugin, sample_spec
 
 

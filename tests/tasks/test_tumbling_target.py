@@ -20,8 +20,7 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators import ConstantParameter, Draw, UniformParameter
 from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_principal_axes
-from safe_inspect.tasks.rendezvous.target import TumblingTarget
-from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
+from safe_inspect.tasks.rendezvous.target import TumbleParameter, TumblingTarget
 
 TASK = "safe_inspect/TumblingRendezvous-v0"
 COAST = 3  # index of the level 0 N

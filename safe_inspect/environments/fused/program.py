@@ -181,18 +181,14 @@ class Program:
                 continue
             columns = self._take_columns(reading.size_of(self._group))
             if isinstance(reading, GlueReading):
-                if not self._call_glue(reading.glue, columns):
-                    self.glues.append((reading.glue, columns))
+                glue = reading.glue
+                is_plain = isinstance(glue, DerivedGlue) and glue.normalization.active is None
+                if not (is_plain and self._call_values(glue, columns)):
+                    self.glues.append((glue, columns))
                 self._columns[reading.key] = columns
             elif not self._call_sensor(reading.sensor, columns):
                 self._columns[reading.key] = columns
                 self.sensors.append((reading.sensor, columns))
-
-    def _call_glue(self, glue: Any, columns: slice) -> bool:
-        """Add the call of a glue whose values are used unchanged; return whether it has a row kernel."""
-        if not isinstance(glue, DerivedGlue) or glue.normalization.active is not None:
-            return False
-        return self._call_values(glue, columns)
 
     def _call_values(self, glue: DerivedGlue, columns: slice) -> bool:
         """Add the call of the row kernel of a glue's values; return whether there is one."""

@@ -62,8 +62,8 @@ class SpeedLimit(Plugin):
         return np.array([self.velocity_threshold, self.threshold_distance, self.slope * n, sign])
 
 
-class ReferenceSpeedLimit(SpeedLimit):
-    """Fields of the plugins that test the speed relative to a reference against the limit.
+class ReferenceSensors(Plugin):
+    """Fields of the plugins that measure a deputy's motion relative to a reference.
 
     Attributes:
         reference_position_sensor_name: Sensor of the reference's position; by default, the origin of Hill's frame.
@@ -75,10 +75,12 @@ class ReferenceSpeedLimit(SpeedLimit):
 
     def reference_inputs(self) -> tuple[RowInput, RowInput]:
         """Return the position and velocity of the reference after the step, as inputs of a row kernel."""
-        return reference_inputs(self.reference_position_sensor_name, self.reference_velocity_sensor_name)
+        sensors = self.reference_position_sensor_name, self.reference_velocity_sensor_name
+        position, velocity = (np.zeros(3) if name is None else SensorReading(name) for name in sensors)
+        return position, velocity
 
 
-class DockingRegion(ReferenceSpeedLimit):
+class DockingRegion(ReferenceSensors, SpeedLimit):
     """Fields of the plugins that test whether a deputy reaches the docking region, and at which speed.
 
     Attributes:
@@ -111,14 +113,6 @@ def own_motion(before: bool = False) -> tuple[RowInput, RowInput]:
         before: Whether to read the values before the step.
     """
     return OwnArray("position", before), OwnArray("velocity", before)
-
-
-def reference_inputs(position_sensor: str | None, velocity_sensor: str | None) -> tuple[RowInput, RowInput]:
-    """Return the position and velocity of a reference after the step; without sensors, the origin, at rest."""
-    position, velocity = (
-        np.zeros(3) if name is None else SensorReading(name) for name in (position_sensor, velocity_sensor)
-    )
-    return position, velocity
 
 
 #: A deputy within this distance of the region counts as inside [m].

@@ -17,9 +17,9 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
 from safe_inspect.simulators.resets.attitudes import require_length
 from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera
-from safe_inspect.tasks.inspection.illumination import IlluminationParams
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsModel, PointsOf
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of
+from safe_inspect.tasks.inspection.sun import IlluminationParams
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import ConeOfView, ConeToBody, PositiveLength
 

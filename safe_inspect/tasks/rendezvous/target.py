@@ -1,4 +1,4 @@
-"""`TumblingTarget`: a rigid body that tumbles about the origin, with a mating point and a shape to avoid."""
+"""`TumblingTarget`: a rigid body that tumbles about the origin, and `TumbleParameter`, its initial tumble."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.errors import InitialStateError
 from safe_inspect.geometry.box_distance import BoxArrays, box_distance
 from safe_inspect.geometry.distance import lengths
+from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import OfView, OwnOfView, PassiveComponent, RunningComponent, State, View, World
+from safe_inspect.simulators.resets.attitudes import GivenAttitude, drawn_attitude, repeated_unit, require_length
+from safe_inspect.simulators.resets.parameters import Draw, Parameter, ScalarParameter, UniformParameter
 from safe_inspect.tasks.rendezvous.shape import (
     ENVISAT_BOXES,
     ENVISAT_INERTIA,
@@ -187,3 +191,47 @@ class _RunningTarget(RunningComponent):
     def _follow(self, state: State, steps: int) -> None:
         arrays = TargetArrays(*(state[name] for name in (*_OF_TARGET, *_OF_CHASER)))
         follow_target(self._body, self._dt, steps, arrays, state.position)
+
+
+class TumbleParameter(Parameter):
+    """Initial attitude and tumble of a target.
+
+    Returns:
+        ``orientation`` q_WT (R, 4) and ``angular_velocity`` in T [rad/s] (R, 3).
+
+    Attributes:
+        rate: Distribution of the magnitude of the angular velocity, in rad/s unless it has `units`.
+        direction: Direction of the angular velocity in the principal axes; None: uniform over the sphere.
+        orientation: Attitude q_WT [x, y, z, w], normalised; None: uniform over all attitudes, see `drawn_attitude`.
+    """
+
+    rate: functor_field("parameter") = UniformParameter(units="deg/s", low=1.0, high=5.0)  # type: ignore[valid-type]
+    direction: tuple[float, float, float] | None = None
+    orientation: GivenAttitude = None
+
+    @field_validator("rate")
+    @classmethod
+    def _is_rate(cls, value: Plugin) -> Plugin:
+        if not isinstance(value, ScalarParameter) or value.symbol not in (None, "rad/s"):
+            raise ValueError("`rate` must be a number in rad/s or deg/s; use a distribution such as UniformParameter")
+        return value
+
+    _has_length = field_validator("direction", "orientation")(require_length)
+
+    def __call__(self, draw: Draw) -> dict[str, FloatArray]:
+        """Return the sampled attitude and angular velocity."""
+        assert isinstance(self.rate, ScalarParameter), "the field has been validated"
+        rate = self.rate(draw.child("rate"))
+        assert isinstance(rate, np.ndarray), "such a parameter gives one number for each row"
+        return {
+            "orientation": drawn_attitude(draw.child("orientation"), self.orientation),
+            "angular_velocity": rate[:, None] * self._direction(draw.child("direction")),
+        }
+
+    def _direction(self, draw: Draw) -> FloatArray:
+        if self.direction is not None:
+            return repeated_unit(self.direction, len(draw.streams))
+        height, turn = draw.streams.uniform(draw.purpose, 2, draw.index).T
+        z, angle = 2.0 * height - 1.0, 2.0 * math.pi * turn
+        across = np.sqrt(np.maximum(1.0 - z * z, 0.0))
+        return np.stack((across * np.cos(angle), across * np.sin(angle), z), axis=-1)
