@@ -3,4 +3,4 @@
 from safe_inspect.tasks.disturbances import component, kalman_filter, solar_pressure, thruster_model  # noqa: F401
 from safe_inspect.tasks.docking import simulator as docking_simulator  # noqa: F401
 from safe_inspect.tasks.inspection import simulator as inspection_simulator  # noqa: F401
-from safe_inspect.tasks.rendezvous import actuators, target  # noqa: F401
+from safe_inspect.tasks.rendezvous import target  # noqa: F401

@@ -11,7 +11,7 @@ from random_checkpoint import discrete, experiment_of, save_run
 import safe_inspect
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.environments.facades.flat_actions import from_flat
+from safe_inspect.environments.facades.spaces import from_flat
 from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.files.checkpoints import find_newest

@@ -21,7 +21,7 @@ from ray.rllib.algorithms.sac.torch.default_sac_torch_rl_module import DefaultSA
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.rl_module import RLModule
 
-from safe_inspect.environments.facades.flat_actions import flat_space
+from safe_inspect.environments.facades.spaces import flat_space
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.experiments.files.checkpoints import WEIGHTS
 from safe_inspect.experiments.files.weights import pack

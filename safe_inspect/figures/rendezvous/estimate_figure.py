@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.figures.drawing import SEQUENTIAL, Figure, new_figure
-from safe_inspect.figures.rendezvous.polhode import POLHODE_VIEW, draw_polhode
+from safe_inspect.figures.rendezvous.mission_scene import POLHODE_VIEW, draw_polhode
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move

@@ -16,9 +16,9 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PLANNED,
     TUBE,
     SceneArtists,
+    draw_polhode,
     show_extent,
 )
-from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
