@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 UNREADABLE_ARRAYS = (
     OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error, RuntimeError, OverflowError, MemoryError,
 )  # fmt: skip
-#: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.writers`.
+#: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.finite_checks`.
 RAISED_IN = "raised in "
 
 

@@ -10,10 +10,16 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.finite_checks import checked_seed, replaced, require_finite, require_shape, with_backup
+from safe_inspect.environments.finite_checks import (
+    checked_seed,
+    names_writers,
+    replaced,
+    require_finite,
+    require_shape,
+    with_backup,
+)
 from safe_inspect.environments.group import AgentGroup, group_agents
 from safe_inspect.environments.transition import TeamTransition, Transition
-from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State

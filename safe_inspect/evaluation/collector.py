@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.accumulator import INFO, TERM, EpisodeAccumulator
+from safe_inspect.environments.episodes import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory

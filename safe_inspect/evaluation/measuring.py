@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.finite_checks import names_writers
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
-from safe_inspect.environments.writers import names_writers
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError, did_you_mean
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.simulators.team import TeamStep, TeamView

@@ -54,8 +54,8 @@ class ObserveSensor(ObservationGlue):
         Raises:
             ValueError: The units or the normaliser do not match the sensor.
         """
-        sensor = sensor_of(parts, self.sensor)
-        return self.normalization.bounds(*_limits(sensor.limits, sensor.size, self._scale(sensor.symbol)))
+        _, _, low, high = self.prepared(sensor_of(parts, self.sensor))
+        return self.normalization.bounds(low, high)
 
     def __call__(self, view: View) -> FloatArray:
         """Return the observation, shape (R, size)."""
@@ -67,11 +67,9 @@ class ObserveSensor(ObservationGlue):
 
     def prepared(self, sensor: ReadsState) -> tuple[float, Normalizer | None, FloatArray, FloatArray]:
         """Return what each observation of the sensor needs: scale, normaliser, low, high."""
-        scale = self._scale(sensor.symbol)
+        scaled = self.output_units is not None and sensor.symbol
+        scale = _per_unit(str(self.output_units), sensor.symbol) if scaled else 1.0
         return scale, self.normalization.active, *_limits(sensor.limits, sensor.size, scale)
-
-    def _scale(self, symbol: str) -> float:
-        return 1.0 if self.output_units is None or symbol == "" else _per_unit(self.output_units, symbol)
 
 
 @functools.lru_cache(maxsize=256)

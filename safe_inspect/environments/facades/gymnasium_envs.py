@@ -247,7 +247,6 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         follow = None if self._view is None else self._view.follow
         decided = decide(self.core.team, (actions[:, None],), self._gamma, ended, follow)
         (transition,), (info,) = decided.groups, decided.infos
-        infos = self._masked(info)
         self._observation = transition.observation[:, 0]
         reward = transition.reward[:, 0]
         terminated, truncated = transition.terminated[:, 0].copy(), transition.truncated[:, 0].copy()
@@ -255,22 +254,20 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             self._begin(np.flatnonzero(ended))
             reward[ended], terminated[ended], truncated[ended] = 0.0, False, False
             fresh = self._now()
-            for name, array in infos.items():
-                if name.startswith("_"):
-                    continue
+            for name, array in info.items():
                 array[ended] = fresh[name][ended] if name in fresh else _OF_RESETS.get(name, 0.0)
-            infos |= self._drawn(ended)
+        infos = self._masked(info) | (self._drawn(ended) if ended.any() else {})
         self._ended = terminated | truncated
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
             rows, mask = np.flatnonzero(self._ended), self._ended.copy()
-            final = np.full(self.num_envs, None, dtype=object)
-            for index in rows:
-                final[index] = self._observation[index].copy()
-            infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
-            self._begin(rows)
-            infos |= self._now() | self._drawn(mask)
-        elif self.autoreset_mode is AutoresetMode.SAME_STEP:  # TorchRL needs the names of the first reset in every step
-            infos |= self._drawn(self._ended)
+            if len(rows):
+                final = np.full(self.num_envs, None, dtype=object)
+                for index in rows:
+                    final[index] = self._observation[index].copy()
+                infos = {"final_obs": final, "final_info": dict(infos), "_final_obs": mask, "_final_info": mask} | infos
+                self._begin(rows)
+                infos |= self._now()
+            infos |= self._drawn(mask)  # TorchRL needs the names of the first reset in every step
         return self._observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> Any:

@@ -208,16 +208,11 @@ class Window:
         """Show an image; without a display or without Tk, warn once."""
         if self._missing:
             return
-        from PIL import Image
-
         try:
             import tkinter
 
-            from PIL import ImageTk
-        except ImportError as error:
-            self._miss(error)
-            return
-        try:
+            from PIL import Image, ImageTk
+
             if self._root is None:
                 self._root = tkinter.Tk()
                 self._root.title("safe_inspect")
@@ -226,6 +221,8 @@ class Window:
             self._image = ImageTk.PhotoImage(Image.fromarray(image), master=self._root)
             self._label.configure(image=self._image)
             self._root.update()
+        except ImportError as error:
+            self._miss(error)
         except tkinter.TclError as error:
             self._miss(error)
 

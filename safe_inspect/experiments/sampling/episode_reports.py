@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.accumulator import INFO, OWN, EpisodeAccumulator
+from safe_inspect.environments.episodes import INFO, OWN, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.types import AnyArray, IntArray

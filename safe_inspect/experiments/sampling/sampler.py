@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.environments.episodes import EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import SafeInspectError

@@ -15,7 +15,7 @@ from gymnasium.vector import VectorEnv as _VectorEnv
 from gymnasium.vector.utils import batch_space
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.environments.episodes import EpisodeAccumulator
 from safe_inspect.environments.facades.spaces import action_space, box, flat_space, from_flat
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.experiments.sampling.environment import Reported, build_team, first_slot, require_steps

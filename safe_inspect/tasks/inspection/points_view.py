@@ -167,10 +167,8 @@ class PointsOf:
 
     def __call__(self, entity: str) -> PointsView:
         """Return the inspection points of a body."""
-        found = self.view.derived.get(("points", entity))
-        if found is None:
-            found = self.view.derived["points", entity] = PointsView(self.view, self.view.world.points[entity])
-        return cast(PointsView, found)
+        points = PointsView(self.view, self.view.world.points[entity])
+        return cast(PointsView, self.view.derived.setdefault(("points", entity), points))
 
 
 @dataclass(frozen=True)
