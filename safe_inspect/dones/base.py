@@ -10,8 +10,7 @@ import numpy as np
 
 from safe_inspect.simulators import Step, View, World
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
-from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.types import BoolArray
+from safe_inspect.types import ArraySpec, BoolArray
 
 
 class DoneStatus(IntEnum):

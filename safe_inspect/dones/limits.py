@@ -12,9 +12,8 @@ from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.plugins.functor import build
 from safe_inspect.simulators import Group, Step, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, RowTerm
-from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.tasks.inspection.completion import has_reached
-from safe_inspect.types import BoolArray
+from safe_inspect.types import ArraySpec, BoolArray
 from safe_inspect.units import PositiveDuration
 
 #: Largest number of steps of an episode, because step counters may be 32-bit integers.
