@@ -117,10 +117,12 @@ class CoastGlue(ActionGlue):
         durations: Possible durations of a decision [control steps], including the step with thrust, in ascending order.
     """
 
-    durations: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(1, 2, 4, 8, 16, 32, 64), min_length=1)
+    durations: tuple[Annotated[int, Field(ge=1)], ...] = (1, 2, 4, 8, 16, 32, 64)
 
     @model_validator(mode="after")
     def _ascending(self) -> CoastGlue:
+        if not self.durations:
+            raise ValueError("`durations` is empty; give one or more numbers of control steps")
         if any(second <= first for first, second in zip(self.durations, self.durations[1:], strict=False)):
             raise ValueError(f"`durations` {list(self.durations)} must be in ascending order, without repetitions")
         return self

@@ -16,7 +16,7 @@ from safe_inspect.glues.attitude import DotProductGlue
 @pytest.mark.parametrize(
     ("glue", "fields", "message"),
     [
-        (CoastGlue, {"durations": ()}, "at least 1 item"),
+        (CoastGlue, {"durations": ()}, "`durations` is empty; give one or more numbers"),
         (CoastGlue, {"durations": (0, 1)}, "greater than or equal to 1"),
         (CoastGlue, {"durations": (1, 4, 4)}, r"`durations` \[1, 4, 4\] must be in ascending order"),
         (CoastGlue, {"durations": (4, 1)}, r"`durations` \[4, 1\] must be in ascending order"),
