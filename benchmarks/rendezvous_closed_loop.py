@@ -49,6 +49,7 @@ from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E4
 from safe_inspect.rendezvous.coordination.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors  # noqa: E402
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous  # noqa: E402
+from safe_inspect.rendezvous.missions.scenario import initial_tumbles  # noqa: E402
 from safe_inspect.rendezvous.missions.truth import ChaserFlight  # noqa: E402
 from safe_inspect.rendezvous.planner.checks import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free  # noqa: E402
@@ -67,7 +68,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
     """Return an approach with its bound and tube, or why there is none, by the turns that a mission takes."""
     mission, chaser = config.mission, config.chaser
     streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
-    orientation, rate = config.tumble(streams)
+    (orientation,), (rate,) = initial_tumbles(config, streams)
     errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     limits, demands = limits_of(chaser), PlanDemands()
     state = np.concatenate((chaser.position, np.zeros(3)))

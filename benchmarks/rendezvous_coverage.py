@@ -34,6 +34,8 @@ from safe_inspect.rendezvous.planner.query import PlanQuery
 from safe_inspect.rendezvous.plugins import EnvisatTarget, RandomTumble
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import FloatArray
 
 #: Chaser's attitude R_WB: it looks along y of W.
@@ -84,7 +86,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     """Return whether the bound of one tumble holds, and its largest width [m]; None without an estimate."""
     streams = Streams(11, np.array([number]), np.zeros(1, np.int64))
     target = EnvisatTarget()()
-    q0, w0 = RandomTumble()(streams)
+    (q0,), (w0,) = tumble_states("tumble", RandomTumble()(Draw(streams, "tumble")))
     times = np.arange(seconds + 1.0)
     q, w = (value[0] for value in tumble(target.principal, q0[None], w0[None], times))
     ratios = target.principal[:2] / target.principal[2]

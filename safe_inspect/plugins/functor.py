@@ -7,7 +7,7 @@ nested to any depth; each error has the full path of its key.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
@@ -36,9 +36,10 @@ class Named(Generic[T]):
     functor: T
 
 
-def name_key(kind: str) -> str:
-    """Return the key that contains the name of a plugin of that kind in a configuration."""
-    return NAME_KEYS.get(kind, "functor")
+def name_key(kind: str, given: Container[Any] = ()) -> str:
+    """Return the key that contains the name of a plugin of that kind; ``functor`` may be given instead of any other."""
+    key = NAME_KEYS.get(kind, "functor")
+    return "functor" if "functor" in given and key not in given else key
 
 
 def build(kind: str, value: Any) -> Plugin:
@@ -60,7 +61,7 @@ def build(kind: str, value: Any) -> Plugin:
         value = {name_key(kind): value}
     if not isinstance(value, Mapping):
         raise _error(f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")
-    key = name_key(kind)
+    key = name_key(kind, value)
     known = {key, "name", "config", "wrapped"}
     problems = []
     cls: type[Plugin] | None = None

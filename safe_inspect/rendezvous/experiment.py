@@ -69,7 +69,7 @@ class RendezvousConfig(Model):
         mission: Rates, guards and time limits.
         chaser: The chaser.
         target: The target's shape, inertia and mating point.
-        tumble: The target's initial attitude and angular velocity.
+        tumble: The target's initial attitude and angular velocity; see `TumbleParameter`.
         sensors: The sensors of the chaser.
         estimator: Estimates the states of chaser and target from the measurements.
         planner: Plans the approach.
@@ -82,7 +82,7 @@ class RendezvousConfig(Model):
     mission: MissionConfig = MissionConfig()
     chaser: ChaserConfig = ChaserConfig()
     target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
-    tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
+    tumble: _plugin("parameter", "TriAxialTumble")  # type: ignore[valid-type]
     sensors: SensorsConfig = SensorsConfig()
     estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
     planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]

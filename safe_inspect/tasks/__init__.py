@@ -14,7 +14,7 @@ from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.tasks.rendezvous.actuators import Actuators
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
-from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
+from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble, TriAxialTumble, TumbleParameter
 
 __all__ = [
     "Actuators",
@@ -26,10 +26,12 @@ __all__ = [
     "InspectionPoints",
     "InspectionSimulator",
     "KalmanFilter",
+    "RandomTumble",
     "SolarPressure",
     "SpeedLimitMonitor",
     "Sun",
     "ThrusterModel",
+    "TriAxialTumble",
     "TumbleParameter",
     "TumblingTarget",
 ]

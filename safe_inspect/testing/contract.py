@@ -42,7 +42,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     policy       thrust [N] (R, 3)
     rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it rejects
     simulator    the same results for an environment alone and in a batch
-    rendezvous   targets, tumbles, cameras, estimators, planners, bounds and trackers: finite results of the shape of
+    rendezvous   targets, cameras, estimators, planners, bounds and trackers: finite results of the shape of
                  their kind, the same for the same inputs
     ===========  ================================================================================
 

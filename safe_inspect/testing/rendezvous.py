@@ -35,7 +35,6 @@ from safe_inspect.rendezvous.plugins import (
     StateEstimator,
     TargetModel,
     Tracker,
-    Tumble,
 )
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
 from safe_inspect.rendezvous.readings import Command
@@ -58,15 +57,6 @@ def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report)
     _finite(report, "the mesh", target.mesh.vertices, (len(target.mesh.vertices), 3))
     outside = target.boxes.distance((target.R_MT @ target.mating_point)[None])[0]
     report.expect(outside > 0.0, "mating point", "the mating point is inside a box", "move it, or the boxes")
-
-
-def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
-    """Check a tumble: it must return a unit quaternion and an angular velocity."""
-    q, w = plugin(_streams())
-    _finite(report, "the attitude", q, (4,))
-    _finite(report, "the angular velocity", w, (3,))
-    report.expect(abs(float(q @ q) - 1.0) < 1e-12, "unit", f"the attitude is {q}", "return a unit quaternion")
-    _same(report, "the tumble", [q, w], [*plugin(_streams())])
 
 
 def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
@@ -188,7 +178,6 @@ _CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "state_estimator": _check_state_estimator,
     "target_model": _check_target_model,
     "tracker": _check_tracker,
-    "tumble": _check_tumble,
 }
 #: The kinds that `check_rendezvous` supports.
 RENDEZVOUS_KINDS = tuple(_CHECKS)

@@ -81,7 +81,6 @@ def test_overrides_are_checked() -> None:
         ),
         (["sensors.imu_ticks=26"], "sensors.imu_ticks", "more than the 25 ticks of a control step"),
         (["chaser.position=[0 m, -3.5 m, 0 m]"], "chaser.position", "the start is outside of the keep-in box"),
-        (["tumble.config.attitude=[1, 1, 1, 1]"], "tumble.config.attitude", "not a unit quaternion .* its length is 2"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_when_the_file_is_checked(overrides, where, message) -> None:

@@ -81,9 +81,14 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
                 "additionalProperties": {"type": "string"},
             },
         },
-        "required": [key],
+        "required": [],
         "additionalProperties": False,
     }
+    if key == "functor":
+        schema["required"].append(key)
+    else:
+        schema["properties"]["functor"] = schema["properties"][key]
+        schema["oneOf"] = [{"required": [key]}, {"required": ["functor"]}]
     if wrapped is not None:
         schema["properties"]["wrapped"] = wrapped
         if "wrapped" in needed:

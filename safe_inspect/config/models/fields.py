@@ -86,7 +86,7 @@ def plugin_of(functor: Any) -> type[BaseModel] | None:
     if not isinstance(functor, Mapping):
         return None
     for kind in registry.kinds():
-        name = functor.get(name_key(kind))
+        name = functor.get(name_key(kind, functor))
         if isinstance(name, str):
             try:
                 return registry.get(kind, name)

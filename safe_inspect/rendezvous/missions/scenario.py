@@ -18,6 +18,8 @@ from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free
 from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import FloatArray
 
 #: Largest rotation of the target from frame to frame that estimation was tested with [rad]; tests flew 8 deg/s at 1 Hz.
@@ -81,9 +83,19 @@ def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarra
         raise ConfigError(Problem(message, "chaser.position", hint="start farther away"))
 
 
-def mission_streams(config: RendezvousConfig, number: int) -> Streams:
-    """Return the random streams of a mission."""
-    return Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+def mission_streams(config: RendezvousConfig, *numbers: int) -> Streams:
+    """Return the random streams of missions, one row for each."""
+    return Streams(config.seed, np.array(numbers), np.zeros(len(numbers), np.int64))
+
+
+def initial_tumbles(config: RendezvousConfig, streams: Streams) -> tuple[FloatArray, FloatArray]:
+    """Return the target's initial attitudes q_WT, shape (n, 4), and angular velocities in T [rad/s], shape (n, 3).
+
+    Args:
+        config: The experiment.
+        streams: Random streams with a row for each mission.
+    """
+    return tumble_states("tumble", config.tumble(Draw(streams, "tumble")))
 
 
 def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
@@ -99,8 +111,7 @@ def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
     config, tree = experiment.config, experiment.tree
     try:
         target = checked_target(config)
-        draws = [config.tumble(mission_streams(config, number)) for number in range(min(missions, _MOST_DRAWN))]
-        attitudes, rates = (np.array(values) for values in zip(*draws, strict=True))
+        attitudes, rates = initial_tumbles(config, mission_streams(config, *range(min(missions, _MOST_DRAWN))))
         check_start(config, target, attitudes[0])
         _check_rates(config, target, rates)
         doubts = [*_sensor_doubts(config, target, rates), *_motion_doubts(config, target, attitudes, rates)]

@@ -11,7 +11,6 @@ from pydantic import Field, field_validator
 
 from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.errors import InitialStateError
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
@@ -21,6 +20,7 @@ from safe_inspect.simulators.world import World
 from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
 from safe_inspect.tasks.rendezvous.motion import TargetArrays, TargetBody, follow_target
 from safe_inspect.tasks.rendezvous.shape import Matrix3, TargetBox, boxes_in_principal_axes
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import Length, PositiveDuration
 
@@ -92,11 +92,8 @@ class _RunningTarget(RunningComponent):
         self.arrays = {name: ArraySpec(sizes[name]) for name in (*_OF_TARGET, *_OF_CHASER)}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        drawn = values.get(_TUMBLE, _AT_REST)
-        if not (isinstance(drawn, Mapping) and _AT_REST.keys() <= drawn.keys()):
-            raise InitialStateError(f"`{_TUMBLE}` gives no attitude and angular velocity; use TumbleParameter")
-        state["target_orientation"][...] = drawn["orientation"]
-        state["target_angular_velocity"][...] = drawn["angular_velocity"]
+        orientation, rate = tumble_states(_TUMBLE, values.get(_TUMBLE, _AT_REST))
+        state["target_orientation"][...], state["target_angular_velocity"][...] = orientation, rate
         state["least_clearance"][...] = np.inf
         self._follow(state, 0)
 

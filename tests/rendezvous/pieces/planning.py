@@ -25,7 +25,9 @@ from safe_inspect.rendezvous.planner.scp import within_limits
 from safe_inspect.rendezvous.sensors.measured import PoseFrame
 from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
-from safe_inspect.rendezvous.target.model import RandomTumble, Target, TriAxialTumble
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw, Parameter
+from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble, TriAxialTumble, tumble_states
 
 from .control import STREAMS, Pieces, query
 
@@ -182,6 +184,10 @@ def _target(target: Target) -> Any:
     ]
 
 
+def _tumble(plugin: Parameter, streams: Streams) -> Any:
+    return tuple(value[0] for value in tumble_states("tumble", plugin(Draw(streams, "tumble"))))
+
+
 def _targets() -> Any:
     boxes = (
         Box(half_size=(0.3, 0.2, 0.1)),
@@ -190,7 +196,7 @@ def _targets() -> Any:
     path = str(Path(__file__).with_name("bracket.obj"))
     streams = Streams(3, np.zeros(1, np.int64), np.array([2]))
     times = np.array([0.0, 1.0, 2.0, 5.0, 9.0])
-    tumbling = TriAxialTumble(rate=0.1)(streams)
+    tumbling = _tumble(TriAxialTumble(rate=0.1), streams)
     return {
         "boxes": _target(BoxTarget(boxes=boxes)()),
         "given": _target(
@@ -199,7 +205,11 @@ def _targets() -> Any:
         "envisat": _target(EnvisatTarget(scale=0.1)()),
         "mesh": _target(MeshTarget(path=path, boxes=4)()),
         "mesh, given": _target(MeshTarget(path=path, scale=0.5, inertia=((2, 0, 0), (0, 3, 0), (0, 0, 4)), boxes=1)()),
-        "tumbles": [tumbling, TriAxialTumble(attitude=(0.6, 0.0, 0.0, 0.8))(streams), RandomTumble()(streams)],
+        "tumbles": [
+            tumbling,
+            _tumble(TriAxialTumble(attitude=(0.6, 0.0, 0.0, 0.8)), streams),
+            _tumble(RandomTumble(), streams),
+        ],
         "struck": target_motion(np.array([0.2, 0.9, 1.0]), tumbling, (1.5, 5.0), times),
     }
 
