@@ -38,21 +38,29 @@ from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
-from safe_inspect.rendezvous.control.bound import Bound  # noqa: E402
+from safe_inspect.rendezvous.control.bound import (  # noqa: E402
+    Bound,
+    BoundQuery,
+    Updates,
+)
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import LinearFeedback  # noqa: E402
-from safe_inspect.rendezvous.control.trials import BoundQuery, Updates  # noqa: E402
-from safe_inspect.rendezvous.control.tube import Axis  # noqa: E402
-from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
-from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
+from safe_inspect.rendezvous.control.tube import (  # noqa: E402
+    Axis,
+    TrackedReference,
+    TrackingLimits,
+)
+from safe_inspect.rendezvous.coordination.context import (  # noqa: E402
+    PlanDemands,
+    clearances,
+)
 from safe_inspect.rendezvous.coordination.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors  # noqa: E402
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous  # noqa: E402
 from safe_inspect.rendezvous.missions.scenario import initial_tumbles  # noqa: E402
 from safe_inspect.rendezvous.missions.truth import ChaserFlight  # noqa: E402
 from safe_inspect.rendezvous.planner.checks import certify  # noqa: E402
-from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free  # noqa: E402
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
 
@@ -98,7 +106,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
                 bound=bound,
                 clearance=target.boxes.distance(plan.position_target @ target.R_MT.T) - limits.radius,
                 axis=Axis(chaser.mass, mission.step),
-                limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, chaser.limits.keep_in),
+                limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, limits.keep_in),
                 force_error=chaser.actuator.force_noise,
                 gain=demands.gain,
             )
@@ -136,7 +144,7 @@ def references(
         found, inside = [], True
         for j, k in enumerate(starts):
             q, w = tumble(inertia, attitude[j][None], rate[j][None], plan.times - plan.times[k])
-            seen = to_inertial(torque_free(inertia, q[0], w[0]), path)
+            seen = to_inertial(inertia, q[0], w[0], path)
             used = slice(k, k + every) if kind == "drawn" else slice(0)
             inside &= bool(np.all(np.abs(seen.position[used] - plan.position[used]) <= bound.position[used, None]))
             inside &= bool(np.all(np.abs(seen.velocity[used] - plan.velocity[used]) <= bound.velocity[used, None]))

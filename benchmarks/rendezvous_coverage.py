@@ -22,14 +22,18 @@ from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multip
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.metrics.statistics import wilson
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import conformal_bound, trial_streams
-from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, sample_errors
+from safe_inspect.rendezvous.control.bound import (
+    BoundQuery,
+    ErrorSamples,
+    conformal_bound,
+    sample_errors,
+    trial_streams,
+)
 from safe_inspect.rendezvous.estimate import JointErrors
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.estimation.fit import Motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import History, Motion, TargetEstimate, logits_of, ratios_of
 from safe_inspect.rendezvous.planner.paths import SplinePath
-from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free
+from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial
 from safe_inspect.rendezvous.planner.query import PlanQuery
 from safe_inspect.rendezvous.plugins import EnvisatTarget, RandomTumble
 from safe_inspect.rendezvous.poses import MODEL
@@ -114,7 +118,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     elapsed = plan.times - times[-1]
     path = Path(plan.position_target, plan.velocity_target, plan.acceleration_target)
     estimated, true = (
-        to_inertial(torque_free(inertia, *(value[0] for value in tumble(inertia, a[None], b[None], elapsed))), path)
+        to_inertial(inertia, *(value[0] for value in tumble(inertia, a[None], b[None], elapsed)), path)
         for inertia, a, b in (
             (found.inertia, found.orientation, found.angular_velocity),
             (target.principal / target.principal[2], q[-1], w[-1]),

@@ -90,14 +90,6 @@ class RendezvousConfig(Model):
     tracker: _plugin("tracker", "TubeTracker")  # type: ignore[valid-type]
 
     @model_validator(mode="after")
-    def _check_orbit(self) -> RendezvousConfig:
-        if self.mission.mean_motion and self.chaser.limits.keep_in is None:
-            raise ValueError(
-                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _check_parts(self) -> RendezvousConfig:
         problems: list[tuple[tuple[str, ...], str]] = []
         mission, sensors, reads = self.mission, self.sensors, self.estimator.reads
@@ -113,6 +105,9 @@ class RendezvousConfig(Model):
             )
             problems.append((("sensors", "imu_ticks"), message))
         box, position = self.chaser.limits.keep_in, self.chaser.position
+        if box is None and mission.mean_motion:
+            message = "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
+            problems.append((("chaser", "limits", "keep_in"), message))
         if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
             message = (
                 f"the start is outside of the keep-in box, |x| <= {box[0]:g}, |y| <= {box[1]:g}, |z| <= {box[2]:g} m; "

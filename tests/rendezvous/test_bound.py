@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import conformal_bound
-from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, Updates, sample_errors
+from safe_inspect.rendezvous.control.bound import BoundQuery, ErrorSamples, Updates, conformal_bound, sample_errors
 from safe_inspect.rendezvous.estimate import EstimateErrors
 
 from .conftest import unobstructed_plan

@@ -105,7 +105,7 @@ CASES: list[tuple[str, dict[str, Any], bool]] = [
     ("escaped", {}, True), ("escaped", {"position": _at(_ESCAPED + 1e-6)}, True),
     ("escaped", {"position": _at(_ESCAPED - 1e-6)}, False), ("escaped", {"velocity": _FAST}, False),
     ("escaped", {"velocity": 0.99 * _FAST}, True), ("escaped", {"position": _at(3.01)}, False),
-    ("escaped", {"position": _at(3.01), "keep_in": None}, True), ("escaped", {"position": _at(3.0)}, True),
+    ("escaped", {"position": _at(3.01), "keep_in": np.full(3, np.inf)}, True), ("escaped", {"position": _at(3.0)}, True),
     ("unseen_outside", {"updated": 90.0, "position": _at(_OUTSIDE)}, True),
     ("unseen_outside", {"updated": 90.0, "position": _at(_OUTSIDE - 1e-6)}, False), ("unseen_outside", {}, False),
     ("may_return", {}, True), ("may_return", {"velocity": _FAST}, False),

@@ -14,11 +14,10 @@ from safe_inspect.dynamics.cwh import system_matrices, transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.control.tracked import TrackedReference
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference
+from safe_inspect.rendezvous.coordination.actions import tide_of
 from safe_inspect.rendezvous.coordination.pilot import limits_of
-from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission

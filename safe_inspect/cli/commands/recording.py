@@ -15,11 +15,18 @@ from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
 from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
-from safe_inspect.rendezvous.recording.estimation import estimate_log, in_principal_axes, mating_point_text, pick_point
+from safe_inspect.rendezvous.recording.estimation import (
+    estimate_log,
+    estimate_table,
+    in_principal_axes,
+    mating_point_text,
+    pick_point,
+    summary_of,
+    write_estimate,
+)
 from safe_inspect.rendezvous.recording.plausibility import check_log
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.record import record_watch
-from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
 
 FIGURE = "estimate.png"
 

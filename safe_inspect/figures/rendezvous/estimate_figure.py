@@ -13,8 +13,7 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
-from safe_inspect.rendezvous.recording.format import TRUTH_PARTS
-from safe_inspect.rendezvous.recording.reader import SensorLog
+from safe_inspect.rendezvous.recording.reader import TRUTH_PARTS, SensorLog
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:

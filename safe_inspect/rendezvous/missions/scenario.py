@@ -15,7 +15,7 @@ from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
-from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial
 from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.simulators.resets.parameters import Draw
@@ -207,8 +207,9 @@ def _motion_doubts(
             f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s"
         )
         yield Problem(message, "chaser.velocity", hint="start slower, or raise chaser.limits.tracking_speed")
-    motion = torque_free(target.principal, *tumble(target.principal, attitudes, rates, _TIMES))
-    _, velocity, acceleration = to_inertial(motion, Path(target.mating_point, np.zeros(3), np.zeros(3)))
+    point = Path(target.mating_point, np.zeros(3), np.zeros(3))
+    turned = tumble(target.principal, attitudes, rates, _TIMES)
+    _, velocity, acceleration = to_inertial(target.principal, *turned, point)
     speed = np.abs(velocity).max(axis=-1)
     force = config.chaser.mass * np.abs(acceleration).max(axis=-1)
     never = np.flatnonzero(~((speed <= limits.speed) & (force <= limits.planned_force)).any(axis=1))

@@ -68,7 +68,7 @@ class _PlanUnits:
                 speed=limits.speed * time / length,
                 planned_force=limits.planned_force / force,
                 force=limits.force / force,
-                keep_in=None if limits.keep_in is None else limits.keep_in / length,
+                keep_in=limits.keep_in / length,
                 radius=limits.radius / length,
                 line_of_sight_rate=limits.line_of_sight_rate * time,
                 mass=limits.mass / mass,

@@ -77,7 +77,7 @@ def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution:
 def start_problem(query: PlanQuery) -> str:
     """Return the problem of the start; an empty string if there is none."""
     limits, p, v = query.limits, query.state[:3], query.state[3:]
-    if limits.keep_in is not None and (np.abs(p) > limits.keep_in).any():
+    if (np.abs(p) > limits.keep_in).any():
         return f"the start {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
     if (np.abs(v) > limits.speed).any():
         return f"the speed at the start is {np.abs(v).max():.3f} m/s along an axis; the limit is {limits.speed:.3f} m/s"
@@ -138,9 +138,8 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
     for name, unit, value, most in (("force", "N", force, limits.planned_force), ("speed", "m/s", speed, limits.speed)):
         if value > most * (1.0 + _EXCESS):
             return f"its {name} is {value:.3g} {unit} along an axis; the limit is {most:.3g} {unit}"
-    box = np.full(3, np.inf) if limits.keep_in is None else np.asarray(limits.keep_in)
-    if (np.abs(position) > box * (1.0 + _EXCESS)).any():
-        return f"it leaves the keep-in box of half sizes {_text(box)} m"
+    if (np.abs(position) > limits.keep_in * (1.0 + _EXCESS)).any():
+        return f"it leaves the keep-in box of half sizes {_text(limits.keep_in)} m"
     return ""
 
 
@@ -181,12 +180,11 @@ def terminal_problem(problem: ApproachProblem) -> str:
     free = problem.basis.free
     fast = np.abs(ends[np.abs(problem.basis.velocity_hull[:, free]).max(axis=1) == 0.0]).max()
     hard = np.abs(pushes[np.abs(problem.basis.acceleration_hull[:, free]).max(axis=1) == 0.0]).max()
-    if limits.keep_in is not None:
-        outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # Control points are a hull of the ends.
-        if outside[-FIXED:].any():
-            return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
-        if outside[:FIXED].any():
-            return f"the velocity at the start leads out of the keep-in box of half sizes {_text(limits.keep_in)} m"
+    outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # Control points are a hull of the ends.
+    if outside[-FIXED:].any():
+        return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
+    if outside[:FIXED].any():
+        return f"the velocity at the start leads out of the keep-in box of half sizes {_text(limits.keep_in)} m"
     if spare < 0.0:
         return f"the mating point is {-spare:.3f} m closer to the target than radius and margin allow"
     if fast > limits.speed:

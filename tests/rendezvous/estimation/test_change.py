@@ -18,9 +18,8 @@ from safe_inspect.rendezvous.estimation.change import departs
 from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.scenario import checked_target, initial_tumbles
-from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
 from safe_inspect.rendezvous.missions.summary import attitude_error
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, estimator_context, target_motion
 from safe_inspect.rendezvous.readings import Command
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"

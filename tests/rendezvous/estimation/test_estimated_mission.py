@@ -15,9 +15,8 @@ from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import _MeasuredPosesRun
 from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
-from safe_inspect.rendezvous.missions.sensing import SensorSuite
 from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
-from safe_inspect.rendezvous.missions.truth import MissionTruth, replay, target_motion
+from safe_inspect.rendezvous.missions.truth import MissionTruth, SensorSuite, replay, target_motion
 from safe_inspect.rendezvous.plugins import StateEstimator
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.readings import Reading, Readings

@@ -12,8 +12,13 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.experiment import read_target
 from safe_inspect.rendezvous.recording.estimation import pick_point
-from safe_inspect.rendezvous.recording.format import FRAME_COLUMNS, IMU_COLUMNS, CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.reader import read_sensor_log
+from safe_inspect.rendezvous.recording.reader import (
+    FRAME_COLUMNS,
+    IMU_COLUMNS,
+    CameraDescription,
+    SensorDescription,
+    read_sensor_log,
+)
 from safe_inspect.rendezvous.recording.record import SensorLogWriter
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 

@@ -13,15 +13,13 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.sensing import SensorSuite
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, target_motion
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts, _PlanUnits, _ranked_problems
 from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
-from safe_inspect.rendezvous.planner.constraints import constraint_rows
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.planner.scp import within_limits
+from safe_inspect.rendezvous.planner.scp import constraint_rows, within_limits
 from safe_inspect.rendezvous.sensors.measured import PoseFrame
 from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
@@ -138,9 +136,10 @@ def _parts_of_plans() -> Any:
 def _refusals() -> Any:
     free, limits = query(boxes=_BOXES), Limits()
     moving = np.array([0.1, -1.5, 0.2, 0.0, 0.1, 0.0])
+    unboxed = replace(limits, keep_in=np.full(3, np.inf))
     at_start = [
         replace(free, state=np.array([0.81, -1.5, 0.0, 0.0, 0.0, 0.0])),
-        replace(free, limits=replace(limits, keep_in=None), state=np.array([0.0, -9.0, 0.0, 0.0, 0.0, 0.0])),
+        replace(free, limits=unboxed, state=np.array([0.0, -9.0, 0.0, 0.0, 0.0, 0.0])),
         replace(free, state=2.0 * moving),
         replace(free, state=np.array([0.0, -0.55, 0.0, 0.0, 0.0, 0.0])),
         replace(free, limits=replace(limits, least_range=1.6)),
