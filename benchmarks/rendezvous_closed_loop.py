@@ -41,7 +41,6 @@ from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.control.bound import (  # noqa: E402
     Bound,
     BoundQuery,
-    Updates,
 )
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import LinearFeedback  # noqa: E402
@@ -99,7 +98,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
         plan = config.planner(query)
         if not plan.solved:
             return f"plan: {plan.status.value}"
-        bound = config.bound(BoundQuery(plan, target.principal, errors, Updates(1.0, 0.9), chaser.mass), streams)
+        bound = config.bound(BoundQuery(plan, target.principal, errors, 1.0, 0.9, chaser.mass), streams)
         design = config.tracker.design(
             DesignRequest(
                 plan=plan,

@@ -14,7 +14,7 @@ from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound, Updates
+from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
@@ -239,7 +239,7 @@ def _plan() -> Plan:
 
 
 def _bound_query() -> BoundQuery:
-    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), Updates(1.0, 0.5))
+    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), 1.0, 0.5)
 
 
 def _arrays(target: Target) -> list[AnyArray]:

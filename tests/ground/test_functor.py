@@ -52,6 +52,13 @@ def test_a_mapping_a_name_and_a_plugin_build_the_same() -> None:
 )
 def test_the_key_of_the_name_is_that_of_the_grammar(kind: str, key: str) -> None:
     assert name_key(kind) == key
+    assert name_key(kind, ("functor",)) == "functor"
+    assert name_key(kind, ("functor", key)) == key
+
+
+def test_a_name_may_have_the_key_functor_in_every_kind() -> None:
+    expected = build("parameter", {"type": "ConstantParameter", "config": {"value": 2.0}})
+    assert build("parameter", {"functor": "ConstantParameter", "config": {"value": 2.0}}) == expected
 
 
 @pytest.mark.parametrize(

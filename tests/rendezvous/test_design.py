@@ -12,7 +12,6 @@ from safe_inspect.rendezvous.control.bound import (
     Bound,
     BoundQuery,
     ErrorSamples,
-    Updates,
     conformal_bound,
     sample_errors,
 )
@@ -30,7 +29,7 @@ ERRORS = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07))
 @pytest.fixture(scope="module")
 def samples(plan, query) -> ErrorSamples:
     streams = Streams(3, np.arange(320), np.zeros(320, dtype=np.int64))
-    return sample_errors(BoundQuery(plan, query.inertia, ERRORS, Updates(1.0)), streams)
+    return sample_errors(BoundQuery(plan, query.inertia, ERRORS), streams)
 
 
 @pytest.fixture(scope="module")

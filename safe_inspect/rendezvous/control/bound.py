@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,19 +25,6 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 _ROUNDING, _FLOOR = 1e-9, np.full(14, 1e-18)
 
 
-@dataclass(frozen=True)
-class Updates:
-    """Updates of the estimate during the approach.
-
-    Attributes:
-        period: Time T_u from one update to the next [s], a multiple of the plan's step.
-        correlation: Correlation rho of the errors of two successive updates, at least 0 and less than 1.
-    """
-
-    period: float = 1.0
-    correlation: float = 0.0
-
-
 @dataclass(frozen=True, eq=False)
 class BoundQuery:
     """Query for the bound of the difference between the estimated and the true reference.
@@ -46,14 +33,17 @@ class BoundQuery:
         plan: The plan, with its path in T and the predicted motion of the target.
         inertia: The target's principal moments J1 <= J2 <= J3, up to a common factor, shape (3,).
         errors: Errors of an estimate.
-        updates: Updates of the estimate; None for one estimate at the start that is propagated to the end.
+        period: Time T_u from one update of the estimate to the next [s], a multiple of the plan's step; None for one
+            estimate at the start that is propagated to the end.
+        correlation: Correlation rho of the errors of two successive updates, at least 0 and less than 1.
         mass: Mass of the chaser [kg].
     """
 
     plan: Plan
     inertia: FloatArray
     errors: EstimateErrors
-    updates: Updates | None = field(default_factory=Updates)
+    period: float | None = 1.0
+    correlation: float = 0.0
     mass: float = 9.583788668
 
     @property
@@ -64,9 +54,9 @@ class BoundQuery:
     def windows(self) -> tuple[int, int]:
         """Return the number of estimates, and the number of the plan's steps between two."""
         steps = len(self.plan.times)
-        if self.updates is None:
+        if self.period is None:
             return 1, steps
-        period = round(self.updates.period / self.step)
+        period = round(self.period / self.step)
         return int(np.ceil(steps / period)), period
 
 
@@ -124,7 +114,7 @@ def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
     """
     estimates, period = query.windows()
     steps = len(query.plan.times)
-    draws = _draw(query.errors, query.updates.correlation if query.updates else 0.0, estimates, streams)
+    draws = _draw(query.errors, query.correlation, estimates, streams)
     # The last row has no error; it is the reference for the others.
     draws = _Draws(*(np.concatenate((value, np.zeros_like(value[:1]))) for value in draws))
     length = min(period + 1, steps)

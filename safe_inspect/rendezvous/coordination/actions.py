@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.dynamics.tide import largest_tide, tidal_acceleration
-from safe_inspect.rendezvous.control.bound import Bound, BoundQuery, Updates
+from safe_inspect.rendezvous.control.bound import Bound, BoundQuery
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
 from safe_inspect.rendezvous.control.tube import TrackedReference, remaining
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext, Phase, PlanDemands
@@ -26,8 +26,8 @@ _ROUNDING = 1e-6
 def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
     """Return the bound of the error of a plan's reference, with or without updates during the approach."""
     estimate, config = context.estimate, context.config
-    updates = Updates(config.mission.update_period, estimate.correlation) if updated else None
-    query = BoundQuery(plan, estimate.inertia, estimate.errors, updates, config.chaser.mass)
+    period = config.mission.update_period if updated else None
+    query = BoundQuery(plan, estimate.inertia, estimate.errors, period, estimate.correlation, config.chaser.mass)
     bound: Bound = config.bound(query, context.streams)
     return bound
 
@@ -207,7 +207,7 @@ def replan_on_the_way(context: MissionContext) -> None:
 def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[float, ...]) -> None:
     context.plan, context.planned_at = None, context.time
     estimate, mission = context.estimate, context.config.mission
-    if context.fails("planner"):
+    if mission.fails("planner", context.time):
         context.plan_failures += 1
         context.report("plan", {"status": "fault"})
         return

@@ -280,10 +280,6 @@ class MissionContext:
         """Time since the state was entered [s]."""
         return self.time - self.since
 
-    def fails(self, kind: str) -> bool:
-        """Return whether a part of the flight computer fails now, such as the ``planner``."""
-        return self.config.mission.fails(kind, self.time)
-
     def aim(self) -> FloatArray:
         """Return the point at which the camera looks, in W [m], shape (3,).
 

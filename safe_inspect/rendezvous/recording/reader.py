@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict
@@ -19,7 +20,7 @@ from safe_inspect.config.models.experiment import Model
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.errors import UNREADABLE_ARRAYS, ConfigError, Location, Problem
 from safe_inspect.plugins.functor import misplaced
-from safe_inspect.rendezvous.poses import check_unit, pose
+from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
 from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.types import FloatArray
@@ -45,7 +46,17 @@ TRUTH_PARTS = {"T_MB": slice(1, 4), "q_MB": slice(4, 8), "q_WT": slice(8, 12), "
 DEPTH = "depth"
 _Point = tuple[Length, Length, Length]  # type: ignore[valid-type]
 _Velocity = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
-_Quaternion = tuple[float, float, float, float]
+
+
+def _checked_unit(quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return a quaternion [x, y, z, w] after checking that it is a unit quaternion."""
+    length = math.hypot(*quaternion)
+    if abs(length - 1.0) > 1e-3:
+        raise ValueError(f"orientation is not a unit quaternion [x, y, z, w]: its length is {length:.6g}")
+    return quaternion
+
+
+_Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_checked_unit)]
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Iterable[Any]], number: str = ".17g") -> None:
@@ -100,7 +111,6 @@ class CameraDescription(Model):
 
     @model_validator(mode="after")
     def _check(self) -> CameraDescription:
-        check_unit("orientation", self.orientation)
         problems = [
             ((name,), f"{value:g} px is outside of the image, which has {count} pixels along it")
             for name, value, count in (("cx", self.cx, self.width), ("cy", self.cy, self.height))
@@ -133,11 +143,6 @@ class StartDescription(Model):
     position: _Point = (0.0, 0.0, 0.0)
     velocity: _Velocity = (0.0, 0.0, 0.0)
     orientation: _Quaternion = (0.0, 0.0, 0.0, 1.0)
-
-    @model_validator(mode="after")
-    def _check(self) -> StartDescription:
-        check_unit("orientation", self.orientation)
-        return self
 
 
 class SensorDescription(Model):

@@ -13,7 +13,7 @@ from safe_inspect.dynamics.quaternion import exp
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeCommand, AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.bound import Bound, BoundQuery, ConformalBound, Updates
+from safe_inspect.rendezvous.control.bound import Bound, BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import (
     DesignRequest,
     TubeDesign,
@@ -74,14 +74,15 @@ def _bounds() -> Any:
     root = np.random.default_rng(4).normal(size=(14, 14)) * np.repeat([0.2, 0.02, 1e-3, 4e-3, 1e-3], [2, 3, 3, 3, 3])
     joint = JointErrors(0.02, 1e-3, 4e-3, 0.3, 0.0, 1e-3, 0.1 * root.T @ root)
     cases = {
-        "updates": (errors, Updates(1.0, 0.8), 9.0),
-        "once": (errors, None, 9.5),
-        "exact inertia": (EstimateErrors(0.02, 1e-3), Updates(2.0), 9.0),
-        "joint": (joint, Updates(1.0, 0.5), 9.0),
+        "updates": (errors, (1.0, 0.8), 9.0),
+        "once": (errors, (None,), 9.5),
+        "exact inertia": (EstimateErrors(0.02, 1e-3), (2.0,), 9.0),
+        "joint": (joint, (1.0, 0.5), 9.0),
     }
     found = {}
     for name, (own, updates, mass) in cases.items():
-        one = ConformalBound(epsilon=0.2, trials=24)(BoundQuery(plan(), query().inertia, own, updates, mass), STREAMS)
+        asked = BoundQuery(plan(), query().inertia, own, *updates, mass=mass)
+        one = ConformalBound(epsilon=0.2, trials=24)(asked, STREAMS)
         found[name] = [one.position, one.velocity, one.force, one.level, one.trials]
     return found
 

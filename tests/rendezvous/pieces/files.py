@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous import models, plugins
-from safe_inspect.rendezvous.control.bound import ConformalBound, Updates
+from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import tracking_weights
 from safe_inspect.rendezvous.control.tube import TrackingLimits
 from safe_inspect.rendezvous.coordination.pilot import limits_of
@@ -122,7 +122,7 @@ def _options() -> Any:
     return {model.__name__: _fields(model) for model in (*kinds, *shared)} | {
         "dataclasses": [
             repr(one) for one in (
-                ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingLimits(), Updates(),
+                ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingLimits(),
                 EstimateErrors(0.1, 0.2),
             )
         ],

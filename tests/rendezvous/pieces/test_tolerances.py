@@ -15,7 +15,6 @@ from safe_inspect.rendezvous.control.bound import (
     BoundQuery,
     ConformalBound,
     ErrorSamples,
-    Updates,
     conformal_bound,
 )
 from safe_inspect.rendezvous.control.design import design_tube
@@ -101,14 +100,14 @@ def test_what_is_just_allowed_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("updates", "expected"),
+    ("period", "expected"),
     [
-        (None, (1, 151)), (Updates(1.0), (31, 5)), (Updates(40.0), (1, 200)), (Updates(0.2), (151, 1)),
-        (Updates(0.2 * (1.0 + 9e-7)), (151, 1)),
+        (None, (1, 151)), (1.0, (31, 5)), (40.0, (1, 200)), (0.2, (151, 1)),
+        (0.2 * (1.0 + 9e-7), (151, 1)),
     ],
 )  # fmt: skip
-def test_updates_are_whole_steps(updates: Updates | None, expected: Any) -> None:
-    assert BoundQuery(plan(), query().inertia, EstimateErrors(0.01, 1e-3), updates).windows() == expected
+def test_updates_are_whole_steps(period: float | None, expected: Any) -> None:
+    assert BoundQuery(plan(), query().inertia, EstimateErrors(0.01, 1e-3), period).windows() == expected
 
 
 def _samples(count: int, size: float = 1.0) -> ErrorSamples:
