@@ -8,9 +8,14 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.geometry.clusters import Clusters, KMeansRule, RowDraws, cluster_sklearn
-from safe_inspect.geometry.inspection_kernels import cluster_candidates
-from safe_inspect.geometry.nearest import direction_to_nearest
+from safe_inspect.geometry.clusters import (
+    Clusters,
+    KMeansRule,
+    RowDraws,
+    cluster_candidates,
+    cluster_sklearn,
+    direction_to_nearest,
+)
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName

@@ -9,10 +9,9 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.geometry.inspection_kernels import Scores
 from safe_inspect.geometry.light import binary_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Credit, Surface
+from safe_inspect.geometry.visibility import Credit, Scores, Surface
 from safe_inspect.random.balls import draw_in_ball, uniform_at
 from safe_inspect.tasks.disturbances.rows import add_velocity, turn_thrust, write_estimates
 from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed, is_too_fast

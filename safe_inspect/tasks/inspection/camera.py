@@ -9,8 +9,7 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import Components, rotated
-from safe_inspect.geometry.inspection_kernels import Scores, sum_scores
-from safe_inspect.geometry.visibility import Credit, Surface, count_inspected, light_row, point_axes
+from safe_inspect.geometry.visibility import Credit, Scores, Surface, count_inspected, light_row, point_axes, sum_scores
 from safe_inspect.types import BoolArray, FloatArray
 
 

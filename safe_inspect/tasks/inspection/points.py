@@ -10,10 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.geometry.inspection_kernels import Scores, inspect_body
 from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Credit
+from safe_inspect.geometry.visibility import Credit, Scores, inspect_body
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfView
 from safe_inspect.simulators.resets.attitudes import require_length

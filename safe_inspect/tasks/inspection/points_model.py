@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from safe_inspect.geometry.light import Light
-from safe_inspect.geometry.visibility import Surface, lit, lit_and_uninspected
+from safe_inspect.geometry.visibility import Surface, lit
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 
 
@@ -79,4 +79,4 @@ class PointsModel:
             sun: Unit vector to the sun, axes of the body, shape (R, 3).
             inspector: Index of the deputy that inspected each point, -1 for none, shape (R, P).
         """
-        return lit_and_uninspected(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light, inspector)
+        return self.lit(viewer, sun) & (inspector < 0)

@@ -13,7 +13,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
 from safe_inspect.errors import ArgumentError
-from safe_inspect.geometry.nearest import direction_to_nearest
+from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
-from safe_inspect.geometry.box_distance import BoxArrays, box_distance
+from safe_inspect.geometry.oriented_boxes import BoxArrays, box_distance
 from safe_inspect.types import FloatArray
 
 

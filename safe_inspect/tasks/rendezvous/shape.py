@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from safe_inspect.geometry.box_distance import BoxArrays
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, Length, PositiveLength
 
