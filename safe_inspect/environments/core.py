@@ -15,7 +15,7 @@ from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray, IntArray
 
 if TYPE_CHECKING:
-    from safe_inspect.simulators.simulation import Simulation
+    from safe_inspect.simulators.simulator import Simulation
 
 
 class BatchedEnvironment:

@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.environments.episodes import transition_info
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
-from safe_inspect.simulators.simulation import Paused
+from safe_inspect.simulators.simulator import Paused
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Info names of the number of control steps of a decision and of the discount after it; prefix of the reward terms.

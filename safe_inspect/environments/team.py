@@ -17,6 +17,7 @@ from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.writers import names_writers
 from safe_inspect.rta.team import TeamFiltered
 from safe_inspect.simulators.arrays import read_only
+from safe_inspect.simulators.simulator import Simulation
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamStep, TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, Step, View
@@ -61,7 +62,9 @@ class TeamEnvironment:
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
         self.acting_indices = [self.groups.index(group) for group in self.acting]
         self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
-        self.simulation = spec.simulator(
+        self.simulation = Simulation(
+            *spec.simulator(),
+            decimation=spec.simulator.decimation,
             masses={agent.platform: spec.platforms[agent.platform].mass for agent in spec.agents},
             groups=tuple(group.group for group in self.groups),
             reset=spec.reset,

@@ -11,8 +11,7 @@ from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalization import Normalization
 from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.simulators.protocols import ReadsState
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.view import ReadsState, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import factor, unit
 

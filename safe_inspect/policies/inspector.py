@@ -28,7 +28,7 @@ from safe_inspect.policies.base import (
     shortened,
 )
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World

@@ -11,9 +11,8 @@ import numpy as np
 
 from safe_inspect.glues.base import ActionGlue, Bounds, Parts
 from safe_inspect.plugins.functor import functor_field
-from safe_inspect.simulators.filter_result import FilterResult
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators.view import FilterResult, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 

@@ -27,9 +27,9 @@ from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.plugins import MeshTarget
 from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
-from safe_inspect.simulators import (
+from safe_inspect.simulators.resets.initializers import RejectionSamplerInitializer
+from safe_inspect.simulators.resets.parameters import (
     ConstantParameter,
-    RejectionSamplerInitializer,
     SimAttributeAccessor,
     TruncatedNormalParameter,
     UniformParameter,

@@ -16,7 +16,7 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.metrics import Decisions
 from safe_inspect.rta.base import Filtered
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 
 ONE = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 LEVELS = configs_root() / "translational-inspection" / "experiment.yml"

@@ -11,7 +11,8 @@ from safe_inspect.glues import ControllerGlue
 from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
 from safe_inspect.rewards import ObservedPointsReward, Reward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
-from safe_inspect.simulators import CWH3DRadialWithSunInitializer, UniformParameter
+from safe_inspect.simulators.resets.initializers import CWH3DRadialWithSunInitializer
+from safe_inspect.simulators.resets.parameters import UniformParameter
 
 
 def mistakes(kind: str, value: Any) -> dict[tuple[Any, ...], str]:

@@ -8,7 +8,8 @@ from scipy import stats
 
 from safe_inspect.random.philox import draw_bits, philox4x32
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators import Draw, TruncatedNormalParameter
+from safe_inspect.simulators import Draw
+from safe_inspect.simulators.resets.parameters import TruncatedNormalParameter
 
 _ONES = 0xFFFFFFFF
 

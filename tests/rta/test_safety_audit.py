@@ -11,7 +11,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.rta.audit.audit import Audit, audit, grazing_states, settings
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 
 
 def test_no_state_that_grazes_a_limit_loses_its_plan():

@@ -10,10 +10,10 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
-from safe_inspect.simulators import ConstantParameter, PositionVelocityInitializer, UniformParameter
-from safe_inspect.simulators.resets.attitudes import AttitudeParameter
+from safe_inspect.simulators.resets.initializers import AttitudeParameter, PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter, UniformParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
-from safe_inspect.simulators.simulator import ComposedSimulator
+from safe_inspect.simulators.simulator import ComposedSimulator, Simulation
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.tasks import (
@@ -83,9 +83,10 @@ def simulation(*components, disturbance=None):
         {"chief": start(*np.zeros(6)), "module": start(0.0, 30.0, 5.0, 0.0, 0.0, 0.0)},
     )  # fmt: skip
     simulator = ComposedSimulator(components=components, disturbance=disturbance)
-    found = simulator(
-        masses={"red": 12.0, "blue": 12.0}, groups=(), reset=plan, step_size=10.0, num_envs=3, seed=1, first_slot=0
-    )
+    found = Simulation(
+        *simulator(), masses={"red": 12.0, "blue": 12.0}, groups=(), reset=plan, step_size=10.0, num_envs=3, seed=1,
+        first_slot=0,
+    )  # fmt: skip
     found.reset(np.arange(3))
     return found
 

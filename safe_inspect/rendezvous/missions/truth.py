@@ -18,7 +18,7 @@ from safe_inspect.rendezvous.readings import Command
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
-from safe_inspect.simulators.simulation import Simulation
+from safe_inspect.simulators.simulator import Simulation
 from safe_inspect.tasks.rendezvous.actuators import Actuators
 from safe_inspect.types import FloatArray
 

@@ -15,7 +15,7 @@ from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set, name_of
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 #: A control that differs from the desired one by more than this counts as an intervention [N].

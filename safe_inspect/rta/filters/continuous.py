@@ -13,7 +13,7 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.base import SafetyFilter, as_columns, checked, differs
 from safe_inspect.rta.filters.probes import responds_to_thrust
 from safe_inspect.rta.numerics.qp import solve_qp
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import FloatArray, IntArray
 
 #: Outside the safe set, alpha is multiplied by this ...

@@ -17,7 +17,7 @@ from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, differs
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 #: An ellipse whose angle about the chief leads or lags the axis of the sun cone by this much stays out of a cone of 60

@@ -10,7 +10,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.rta.constraints.parameters import TaskParameters
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 _INTERVENTION = 0.01  # N

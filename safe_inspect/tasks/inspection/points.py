@@ -15,7 +15,7 @@ from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Credit, Scores, inspect_body
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera

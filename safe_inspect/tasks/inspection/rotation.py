@@ -17,7 +17,7 @@ from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators.component import Component, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView
-from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.free_rotation import (

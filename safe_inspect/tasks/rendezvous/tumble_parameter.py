@@ -9,7 +9,7 @@ from pydantic import field_validator
 
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.resets.attitudes import GivenAttitude, drawn_attitude, repeated_unit, require_length
+from safe_inspect.simulators.resets.initializers import GivenAttitude, drawn_attitude, repeated_unit, require_length
 from safe_inspect.simulators.resets.parameters import Draw, Parameter, ScalarParameter, UniformParameter
 from safe_inspect.types import FloatArray
 

@@ -14,7 +14,7 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.kernel_table import KernelTable
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model, leading_holds
 from safe_inspect.rta.filters.base import SafetyFilter, check_used, checked, compiled, differs
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A hold must not exceed this angle of the orbit [rad]; the bounds between grid points require it to be small.

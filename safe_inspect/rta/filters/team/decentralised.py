@@ -12,7 +12,7 @@ from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.base import as_columns, checked, differs
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 

@@ -14,7 +14,7 @@ from safe_inspect.rta.filters.backup.safety_filter import BackupFilter, Interven
 from safe_inspect.rta.filters.base import checked, compiled
 from safe_inspect.rta.filters.tube.deviations import PlanTracker
 from safe_inspect.rta.filters.tube.tables import leaves_nothing, starting_tube, tube_of
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Number of stored elements of a deputy: the state of the plan (6), its thrust (3), and 1 if there is a plan.
