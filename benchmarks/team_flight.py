@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.filters.team.decentralised import DecentralisedFilter
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import closest_time, coast, grid
+from safe_inspect.dynamics.coasting import coast, extreme_time, grid
 from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence, nearest_velocities, scan_deputies
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.platforms.base import Sensor
@@ -46,7 +46,7 @@ def _closest_approach(
         if other == own:
             continue
         p, v = position[other] - position[own], velocity[other] - velocity[own]
-        time = closest_time(p, v, table, n)
+        time = extreme_time(p, v, table, n, 1.0)
         x, y, z, _, _, _, squared, _, _ = coast(p, v, time, math.sin(n * time), math.cos(n * time), n)
         if squared < least:
             least = squared

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.dynamics.cwh import system_matrices, transition
+from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
@@ -25,6 +25,8 @@ from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.missions.truth import ChaserFlight
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+
+from ..reference.hill import system_matrices
 
 FILE: Path = configs_root() / "tumbling-rendezvous" / "experiment-orbit.yml"
 CONFIG = load_rendezvous(FILE).config

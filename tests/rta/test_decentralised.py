@@ -10,8 +10,7 @@ from pydantic import ValidationError
 from team_flight import TeamFlight
 from team_safety import draw_teams, team_report
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters import BackupFilter, DecentralisedFilter, TeamFilter, TeamState

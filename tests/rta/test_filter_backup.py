@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import Audit, fly_filtered
 from safe_inspect.rta.constraints import NAMES, CrossTrackSpeed, RelativeState
 from safe_inspect.rta.constraints.rows import Margins

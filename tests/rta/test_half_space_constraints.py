@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.errors import PluginValueError
 from safe_inspect.metrics import SmallestPhi
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState, constraint_set

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import grazing_states, settings
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.filters import (

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from team_safety import draw_teams, team_report, team_thrust
 
 from safe_inspect.dynamics import Dynamics
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
 from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs

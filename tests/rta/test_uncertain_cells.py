@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.constraints import Constraint, ConstraintValues, RelativeState, constraint_set
 from safe_inspect.rta.constraints.certified import CERTIFIED, NAMES, PSM
 from safe_inspect.rta.constraints.parameters import ConstraintParameters

@@ -9,7 +9,7 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.dynamics.orbit.shadow import earth_shadow
+from safe_inspect.dynamics.orbit.earth import earth_shadow
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import baseline

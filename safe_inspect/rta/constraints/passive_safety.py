@@ -6,7 +6,7 @@ import math
 from typing import ClassVar, Self
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import closest_time, coast, grid
+from safe_inspect.dynamics.coasting import coast, extreme_time, grid
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import DEFAULTS, ConstraintParameters
 from safe_inspect.rta.constraints.range_limit import LENGTH_FLOOR
@@ -31,7 +31,7 @@ def _values(
     """Write the least coasting range minus the radius, and its gradient by the envelope theorem."""
     for i in range(position.shape[0]):
         p, v = position[i], velocity[i]
-        t = closest_time(p, v, table, n)
+        t = extreme_time(p, v, table, n, 1.0)
         s, c = math.sin(n * t), math.cos(n * t)
         x, y, z, vx, vy, vz, square, _, _ = coast(p, v, t, s, c, n)
         distance = math.sqrt(square)

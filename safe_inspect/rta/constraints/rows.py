@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from safe_inspect.compiling import BORROWING, Kernel, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 
 #: Options for functions of a few lines, for which passing the many arguments would cost more than their work.
 INLINED: dict[str, Any] = {**BORROWING, "forceinline": True}

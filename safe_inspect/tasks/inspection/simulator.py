@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
-from safe_inspect.dynamics.orbit.shadow import earth_shadow
+from safe_inspect.dynamics.orbit.earth import earth_shadow
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.simulator import Simulator

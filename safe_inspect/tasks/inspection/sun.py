@@ -12,10 +12,8 @@ from pydantic import BeforeValidator, model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
-from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
-from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
-from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
-from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS, Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit, in_hill_frame, in_inertial_axes
 from safe_inspect.errors import ArgumentError
 from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
 from safe_inspect.simulators.offers import OfTeam, OfView

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState, cwh_row
+from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Node, SunAngle, Triple
 from safe_inspect.rta.filters.backup.model import FilterModel
 from safe_inspect.types import FloatArray

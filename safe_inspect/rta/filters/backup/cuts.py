@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, PSM
 from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, direction, node
 from safe_inspect.rta.filters.backup.arcs import held, turned

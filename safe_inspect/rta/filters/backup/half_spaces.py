@@ -17,7 +17,7 @@ from numba import float64, int64
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.compiling.addresses import call_at, compiled_at, on_stack, pointer, read_number
 from safe_inspect.dynamics.coasting import closed_motion_state
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.constraints.base import HalfSpace
 from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState, cwh_row
+from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.constraints.rows import INLINED, Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion, refuted

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.certified import PSM
 from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, node
 from safe_inspect.rta.filters.backup.arcs import held, turned

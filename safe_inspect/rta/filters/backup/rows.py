@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import SunAngle, scaled
 from safe_inspect.rta.filters.backup.model import PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan

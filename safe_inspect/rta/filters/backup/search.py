@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import Margins, SunAngle, scaled
 from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold

@@ -10,7 +10,7 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.certified import COLLISION
 from safe_inspect.rta.constraints.rows import Margins, SunAngle
 from safe_inspect.rta.filters.backup.arcs import held, turned

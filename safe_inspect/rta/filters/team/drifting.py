@@ -14,7 +14,7 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import lowest
 
 #: Number of orbits for which a pair is certified that neither drifts away nor is without drift.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.filters.backup.arcs import held
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.types import FloatArray
