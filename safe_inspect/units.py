@@ -188,6 +188,8 @@ PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
 #: Full angle of a cone, up to 2 pi, which contains every direction.
 ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
+#: Full opening angle; a cone of half a turn or more would cover the whole half space.
+ConeAngle = quantity("rad", gt=0, lt=math.pi)
 PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
 PositiveMomentOfInertia = quantity("kg m^2", gt=0)
 Torque = quantity("N m")
@@ -204,3 +206,6 @@ NonNegativeForce = quantity("N", ge=0)
 PositiveTorque = quantity("N m", gt=0)
 NonNegativeTorque = quantity("N m", ge=0)
 PositiveFrequency = quantity("Hz", gt=0)
+PositiveAcceleration = quantity("m/s^2", gt=0)
+#: Slope of a speed over a range, (m/s)/m.
+SpeedSlope = quantity("Hz", ge=0)

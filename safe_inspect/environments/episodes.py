@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import Transition
-from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.simulators.view import View
 from safe_inspect.types import AnyArray
 

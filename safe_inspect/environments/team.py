@@ -15,7 +15,7 @@ from safe_inspect.environments.group import AgentGroup, group_agents
 from safe_inspect.environments.invalid_actions import replaced, with_backup
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.environments.writers import names_writers
-from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.simulator import Simulation
 from safe_inspect.simulators.state import State

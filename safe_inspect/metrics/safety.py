@@ -10,7 +10,7 @@ from pydantic import Field
 from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rta.constraints import Constraint, RelativeState
-from safe_inspect.rta.constraints.chief_collision import ChiefCollision
+from safe_inspect.rta.constraints.ranges import ChiefCollision
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View

@@ -9,7 +9,7 @@ import numpy as np
 
 from safe_inspect.platforms.base import Part
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.filters.probes import probe_states, responds_to_thrust
+from safe_inspect.rta.filters.base import probe_states, responds_to_thrust
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import sample_steps

@@ -40,7 +40,7 @@ from safe_inspect.platforms.state_sensors import SunlightSensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.rta.team import TeamSafety
+from safe_inspect.rta.base import TeamSafety
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView

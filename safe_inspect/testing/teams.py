@@ -12,8 +12,8 @@ from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
+from safe_inspect.rta.base import TeamSafety
 from safe_inspect.rta.filters.base import INTERVENTION_THRESHOLD
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import View
 from safe_inspect.testing.calls import Call, Inputs, Shape, check_call

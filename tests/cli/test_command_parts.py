@@ -17,7 +17,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import Problem
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rta.constraints.certified import NAMES
+from safe_inspect.rta.constraints.sets import NAMES
 
 EXPERIMENT = str(configs_root() / "translational-inspection" / "experiment.yml")
 MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")

@@ -17,7 +17,7 @@ from safe_inspect.environments import InspectionParallelEnv, MultiAgentVectorEnv
 from safe_inspect.environments.episodes import team_info
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.policies.blind import RandomThrust
-from safe_inspect.rta.team import TeamFiltered, TeamSafety
+from safe_inspect.rta.base import TeamFiltered, TeamSafety
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.types import BoolArray, FloatArray
 

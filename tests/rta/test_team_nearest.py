@@ -7,7 +7,7 @@ import pytest
 from team_safety import draw_teams
 
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.filters import TeamFilter, TeamState
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
 
 def flown(run, state, control, time=10.0):

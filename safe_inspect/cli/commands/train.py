@@ -25,9 +25,8 @@ from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import trial_table
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.team import TeamSafety
 
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:

@@ -20,11 +20,10 @@ from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.platforms.base import Controller, Part
 from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.docking import RTAGlueCWHDocking3d
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.parameters import ConstantParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator

@@ -18,9 +18,8 @@ from safe_inspect.config.models.experiment import AgentEntry, EnvironmentConfig,
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import UnsafeInitialStateWarning, did_you_mean
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan, TeamTest
 from safe_inspect.types import BoolArray, FloatArray
 

@@ -14,10 +14,9 @@ from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, Repo
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.types import FloatArray
 

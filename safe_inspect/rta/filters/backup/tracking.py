@@ -1,10 +1,11 @@
-"""Stored plan of a deputy that tracks it, compiled; see `TubeFilter` for the method."""
+"""Stored plan of a deputy that tracks it, and the margins of the tube about it, compiled; see `BackupFilter`."""
 
 from __future__ import annotations
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState
-from safe_inspect.rta.filters.backup.arcs import held
+from safe_inspect.rta.constraints.rows import INLINED, Margins
+from safe_inspect.rta.filters.backup.holds import held
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.types import FloatArray
 
@@ -55,3 +56,35 @@ def follow_plan(m: FilterModel, memory: FloatArray, thrust: FloatArray, none: Fl
         thrust[axis], none[axis] = memory[6 + axis], 0.0
     z = (memory[0], memory[1], memory[2], memory[3], memory[4], memory[5])
     plan_after(m, z, thrust, none, memory)
+
+
+_LENGTH, _SPEED, _COASTING, _THRUST = range(4)
+
+
+@njit(**INLINED)
+def _width(m: FilterModel, part: int, which: int, effort: float, thrust: float) -> float:
+    return float(m.tube[part, which, 0] + max(effort, 0.0) * m.tube[part, which, 1] + thrust * m.tube[part, which, 2])
+
+
+@njit(**INLINED)
+def widened(m: FilterModel, margins: Margins, part: int, effort: float, thrust: float) -> Margins:
+    """Return the margins for the motion of the model that leave `margins` for the real motion.
+
+    Args:
+        m: The task.
+        margins: Margins of the constraints.
+        part: The part of the motion, such as `HOLD`.
+        effort: Size of the thrust that is held before the plan, or now [N]; negative if there is none.
+        thrust: Size of the thrust of the plan [N].
+    """
+    return Margins(
+        margins.length + _width(m, part, _LENGTH, effort, thrust),
+        margins.speed + _width(m, part, _SPEED, effort, thrust),
+        margins.coasting + _width(m, part, _COASTING, effort, thrust),
+    )
+
+
+@njit(**INLINED)
+def tracking_thrust(m: FilterModel, part: int, effort: float) -> float:
+    """Return the largest component by which tracking a plan changes its thrust [N]."""
+    return _width(m, part, _THRUST, effort, 0.0)
