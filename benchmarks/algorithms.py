@@ -17,7 +17,7 @@ def configure(cfg: Any, overrides: list[str] | tuple[str, ...] = (), **rllib: An
     """Return the configuration of the algorithm of an experiment; keyword arguments are further RLlib keys."""
     from safe_inspect.experiments.learning.algorithm import build_config, register_environments
     from safe_inspect.experiments.runs.training_run import read_settings
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     experiment = load_experiment(cfg, overrides)
     task = experiment.config.config.config

@@ -28,7 +28,7 @@ import safe_inspect  # noqa: E402
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.config.experiment import load_experiment  # noqa: E402
 from safe_inspect.environments import TeamEnvironment  # noqa: E402
-from safe_inspect.simulators.simulation import Simulation  # noqa: E402
+from safe_inspect.simulators.simulator import Simulation  # noqa: E402
 
 TASK = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 #: Durations in control steps, and the share of the decisions that has each.

@@ -18,7 +18,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.evaluation.safety_report import acceptance
 from safe_inspect.rta.audit.audit import audit
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters import BackupFilter, TubeFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
@@ -49,7 +49,7 @@ def main() -> None:
     undisturbed = BackupFilter().recoverable(state)
     print(f"{'bounds':>7} {'starts':>8} {'steps':>10} {'no plan':>8} {'violations':>10} {'intervened':>10} {'us':>6}")
     for factor in arguments.scales:
-        tube = TubeFilter(None, NAMES, scaled(factor))
+        tube = BackupFilter(None, NAMES, disturbance=scaled(factor))
         share = tube.recoverable(state).sum() / undisturbed.sum()
         begun = time.process_time()
         found = audit(0, arguments.rows, arguments.steps, seed=1, first=tube)

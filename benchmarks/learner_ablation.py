@@ -42,14 +42,14 @@ YARDSTICK = "autograd"
 def as_variant(variant: str) -> Iterator[None]:
     """Take away what a variant does without."""
     from safe_inspect.experiments.learning import ppo_nets
-    from safe_inspect.experiments.sampling import policy_net
+    from safe_inspect.experiments.modules import tanh_net
 
     with ExitStack() as stack:
         if variant not in ("private", "sampler"):
-            stack.enter_context(patch.object(policy_net, "linear_layers", lambda *_: None))
+            stack.enter_context(patch.object(tanh_net, "linear_layers", lambda *_: None))
         if variant != "private":
             stack.enter_context(patch.object(ppo_nets, "linear_layers", lambda *_: None))
-            stack.enter_context(patch.object(ppo_nets, "is_plain", lambda _: False))
+            stack.enter_context(patch.object(ppo_nets, "FastAdam", ppo_nets.TorchAdam))
         if variant == "compiled":
             plain = ppo_nets.AutogradPass
 

@@ -23,10 +23,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 import numpy as np  # noqa: E402
 from rta_filter import KINDS, desired_controls, starts  # noqa: E402
 
-from safe_inspect.dynamics.cwh import transition  # noqa: E402
-from safe_inspect.dynamics.propagation import propagate  # noqa: E402
+from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
 from safe_inspect.rta.constraints import RelativeState  # noqa: E402
-from safe_inspect.rta.filters import BackupFilter  # noqa: E402
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 #: Candidates of a round: in the ball about the desired thrust, and about the best known.

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 import piqp
 
-from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.control.design import lqr_gain, tracking_weights
 from safe_inspect.rendezvous.control.tracker import TrackerOutput
-from safe_inspect.rendezvous.control.tube import Axis, Tube
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits, Tube
 
 _UNLIMITED, _HORIZONS, _OFFSET = 1e31, (20, 40, 80), 1e5
 
@@ -31,8 +30,8 @@ class NominalMPC:
 
     def __init__(self, axis: Axis, tube: Tube, limits: TrackingLimits) -> None:
         self.axis, self.tube, self.limits, self.unsolved = axis, tube, limits, 0
-        self._weights = TrackingWeights.of_force(limits.force)
-        self._regulator = lqr_gain(axis, self._weights)
+        *self._state_weights, self._force_weight = tracking_weights(limits.force)
+        self._regulator = lqr_gain(axis, limits.force)
         self._programmes = {horizon: self._programme(horizon) for horizon in _HORIZONS}
         self._reference: TrackedReference | None = None
 
@@ -46,9 +45,9 @@ class NominalMPC:
         steady = np.zeros((2, horizon + 3))
         steady[0, -1] = 1.0
         errors = states[:horizon] - steady
-        cost = np.einsum("kis,i,kit->st", errors, [self._weights.position, self._weights.velocity], errors)
+        cost = np.einsum("kis,i,kit->st", errors, self._state_weights, errors)
         forces = np.arange(2, 2 + horizon)
-        cost[forces, forces] += self._weights.force
+        cost[forces, forces] += self._force_weight
         cost[-1, -1] += _OFFSET
         return np.asfortranarray(2.0 * cost), np.asfortranarray(states[horizon] - steady), states
 

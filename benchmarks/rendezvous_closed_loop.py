@@ -38,20 +38,28 @@ from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
-from safe_inspect.rendezvous.control.bound import Bound  # noqa: E402
+from safe_inspect.rendezvous.control.bound import (  # noqa: E402
+    Bound,
+    BoundQuery,
+)
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign  # noqa: E402
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits  # noqa: E402
 from safe_inspect.rendezvous.control.tracker import LinearFeedback  # noqa: E402
-from safe_inspect.rendezvous.control.trials import BoundQuery, Updates  # noqa: E402
-from safe_inspect.rendezvous.control.tube import Axis  # noqa: E402
-from safe_inspect.rendezvous.coordination.context import clearances  # noqa: E402
-from safe_inspect.rendezvous.coordination.demands import PlanDemands  # noqa: E402
+from safe_inspect.rendezvous.control.tube import (  # noqa: E402
+    Axis,
+    TrackedReference,
+    TrackingLimits,
+)
+from safe_inspect.rendezvous.coordination.context import (  # noqa: E402
+    PlanDemands,
+    clearances,
+)
 from safe_inspect.rendezvous.coordination.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors  # noqa: E402
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous  # noqa: E402
+from safe_inspect.rendezvous.missions.scenario import initial_tumbles  # noqa: E402
 from safe_inspect.rendezvous.missions.truth import ChaserFlight  # noqa: E402
 from safe_inspect.rendezvous.planner.checks import certify  # noqa: E402
-from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free  # noqa: E402
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402
 from safe_inspect.rendezvous.target.model import Target  # noqa: E402
 
@@ -67,7 +75,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
     """Return an approach with its bound and tube, or why there is none, by the turns that a mission takes."""
     mission, chaser = config.mission, config.chaser
     streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
-    orientation, rate = config.tumble(streams)
+    (orientation,), (rate,) = initial_tumbles(config, streams)
     errors = EstimateErrors(config.sensors.state.attitude_sigma, config.sensors.state.rate_sigma)
     limits, demands = limits_of(chaser), PlanDemands()
     state = np.concatenate((chaser.position, np.zeros(3)))
@@ -80,7 +88,7 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
             angular_velocity=rate,
             inertia=target.principal,
             mating_point=target.mating_point,
-            boxes=target.boxes,
+            solid=target.solid,
             R_MT=target.R_MT,
             limits=demands.limits(limits, state[:3]),
             margin=demands.margin,
@@ -90,14 +98,14 @@ def approach(config: RendezvousConfig, target: Target, number: int) -> tuple[Pla
         plan = config.planner(query)
         if not plan.solved:
             return f"plan: {plan.status.value}"
-        bound = config.bound(BoundQuery(plan, target.principal, errors, Updates(1.0, 0.9), chaser.mass), streams)
+        bound = config.bound(BoundQuery(plan, target.principal, errors, 1.0, 0.9, chaser.mass), streams)
         design = config.tracker.design(
             DesignRequest(
                 plan=plan,
                 bound=bound,
-                clearance=target.boxes.distance(plan.position_target @ target.R_MT.T) - limits.radius,
+                clearance=target.solid.distance(plan.position_target @ target.R_MT.T) - limits.radius,
                 axis=Axis(chaser.mass, mission.step),
-                limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, chaser.limits.keep_in),
+                limits=TrackingLimits(limits.force, chaser.limits.tracking_speed, limits.keep_in),
                 force_error=chaser.actuator.force_noise,
                 gain=demands.gain,
             )
@@ -135,7 +143,7 @@ def references(
         found, inside = [], True
         for j, k in enumerate(starts):
             q, w = tumble(inertia, attitude[j][None], rate[j][None], plan.times - plan.times[k])
-            seen = to_inertial(torque_free(inertia, q[0], w[0]), path)
+            seen = to_inertial(inertia, q[0], w[0], path)
             used = slice(k, k + every) if kind == "drawn" else slice(0)
             inside &= bool(np.all(np.abs(seen.position[used] - plan.position[used]) <= bound.position[used, None]))
             inside &= bool(np.all(np.abs(seen.velocity[used] - plan.velocity[used]) <= bound.velocity[used, None]))

@@ -22,18 +22,24 @@ from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multip
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.metrics.statistics import wilson
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import conformal_bound, trial_streams
-from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, sample_errors
+from safe_inspect.rendezvous.control.bound import (
+    BoundQuery,
+    ErrorSamples,
+    conformal_bound,
+    sample_errors,
+    trial_streams,
+)
 from safe_inspect.rendezvous.estimate import JointErrors
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.estimation.fit import Motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import History, Motion, TargetEstimate, logits_of, ratios_of
 from safe_inspect.rendezvous.planner.paths import SplinePath
-from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial, torque_free
+from safe_inspect.rendezvous.planner.problem import Path, approach_problem, sampled_plan, to_inertial
 from safe_inspect.rendezvous.planner.query import PlanQuery
 from safe_inspect.rendezvous.plugins import EnvisatTarget, RandomTumble
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import FloatArray
 
 #: Chaser's attitude R_WB: it looks along y of W.
@@ -84,7 +90,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     """Return whether the bound of one tumble holds, and its largest width [m]; None without an estimate."""
     streams = Streams(11, np.array([number]), np.zeros(1, np.int64))
     target = EnvisatTarget()()
-    q0, w0 = RandomTumble()(streams)
+    (q0,), (w0,) = tumble_states("tumble", RandomTumble()(Draw(streams, "tumble")))
     times = np.arange(seconds + 1.0)
     q, w = (value[0] for value in tumble(target.principal, q0[None], w0[None], times))
     ratios = target.principal[:2] / target.principal[2]
@@ -102,7 +108,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
         angular_velocity=found.angular_velocity,
         inertia=found.inertia,
         mating_point=target.mating_point,
-        boxes=target.boxes,
+        solid=target.solid,
         R_MT=target.R_MT,
     )
     problem = approach_problem(query, 0.0, 60.0, 20, 121)
@@ -112,7 +118,7 @@ def covered(number: int, seconds: int, *, edges: bool) -> tuple[bool, float] | N
     elapsed = plan.times - times[-1]
     path = Path(plan.position_target, plan.velocity_target, plan.acceleration_target)
     estimated, true = (
-        to_inertial(torque_free(inertia, *(value[0] for value in tumble(inertia, a[None], b[None], elapsed))), path)
+        to_inertial(inertia, *(value[0] for value in tumble(inertia, a[None], b[None], elapsed)), path)
         for inertia, a, b in (
             (found.inertia, found.orientation, found.angular_velocity),
             (target.principal / target.principal[2], q[-1], w[-1]),

@@ -75,7 +75,7 @@ def random_query(scenario: str, generator: np.random.Generator) -> PlanQuery:
         angular_velocity=w_t[0, 0],
         inertia=moments,
         mating_point=BASE if scenario in ("base", "cone") else NOOK,
-        boxes=envisat_boxes(),
+        solid=envisat_boxes(),
         R_MT=r_mt,
         limits=limits,
         margin=lambda times: np.full(times.shape, margin),

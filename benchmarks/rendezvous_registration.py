@@ -21,7 +21,6 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.faces import Faces
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
 from safe_inspect.rendezvous.front_end.residuals import Residuals
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
@@ -29,6 +28,7 @@ from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_
 from safe_inspect.rendezvous.recording.record import WatchedFrame, watch
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.target.surface import SurfacePoints
 from safe_inspect.types import FloatArray
 
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
@@ -39,15 +39,15 @@ def _no_outline(*_: Any) -> tuple[Residuals, FloatArray]:
     return Residuals(nothing, nothing, np.zeros(0), np.zeros(0)), np.zeros(1)
 
 
-def _all_faces(self: Faces, _: FloatArray) -> Any:
-    return np.ones(len(self.centre), np.bool_)
+def _all_of_them(self: SurfacePoints, _: FloatArray) -> SurfacePoints:
+    return self
 
 
 #: Name, prior or not, cut [m], edges of the depth image that are dropped [m], and what is patched.
 _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextManager[Any]]], ...] = (
     ("as it is", True, 0.03, np.inf, nullcontext),
     ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "silhouette_residuals", _no_outline)),
-    ("all faces, hidden ones too", True, 0.03, np.inf, lambda: patch.object(Faces, "looks_to", _all_faces)),
+    ("the rear too", True, 0.03, np.inf, lambda: patch.object(SurfacePoints, "facing", _all_of_them)),
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),
     ("cut 6 cm", True, 0.06, np.inf, nullcontext),

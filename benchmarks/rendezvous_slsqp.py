@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from safe_inspect.rendezvous.planner.constraints import ConstraintRows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
-from safe_inspect.rendezvous.planner.scp import ITERATIONS, RESERVE, LinearLimits, ScpResult, within_limits
+from safe_inspect.rendezvous.planner.scp import (
+    ITERATIONS,
+    RESERVE,
+    ConstraintRows,
+    LinearLimits,
+    ScpResult,
+    constraint_rows,
+    within_limits,
+)
 from safe_inspect.types import FloatArray
 
 _ACCURACY = 1e-7  # of SciPy's stopping rule

@@ -22,12 +22,12 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 
 import numpy as np  # noqa: E402
 
-from safe_inspect.dynamics.cwh import transition  # noqa: E402
-from safe_inspect.dynamics.propagation import propagate  # noqa: E402
+from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
 from safe_inspect.environments import BatchedEnvironment, load_spec  # noqa: E402
 from safe_inspect.rta.constraints import RelativeState  # noqa: E402
-from safe_inspect.rta.filters import BackupFilter, ContinuousFilter  # noqa: E402
-from safe_inspect.simulators.filter_result import FilterResult  # noqa: E402
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter  # noqa: E402
+from safe_inspect.rta.filters.continuous import ContinuousFilter  # noqa: E402
+from safe_inspect.simulators.view import FilterResult  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspectionSeed-v0"

@@ -11,7 +11,7 @@ from unittest.mock import patch
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.fused.step import FusedGroup
 from safe_inspect.environments.thrust import Thrusters
-from safe_inspect.simulators import simulation
+from safe_inspect.simulators import simulator
 
 
 class Stopwatch:
@@ -46,8 +46,8 @@ def on_the_watch(watch: Stopwatch, environment: TeamEnvironment) -> Iterator[Non
             (type(component), "step"): "points" if name == "InspectionPoints" else f"component {name}"
             for name, component in environment.simulation.components.items()
         },
-        (simulation.State, "copy_from"): "copy of the state",
-        (simulation.Simulation, "step"): "rest of the simulator",
+        (simulator.State, "copy_from"): "copy of the state",
+        (simulator.Simulation, "step"): "rest of the simulator",
         (Thrusters, "__call__"): "control",
         (FusedGroup, "command"): "control",
         (FusedGroup, "evaluate_step"): "sensors, rewards and dones together",

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.constraints.base import RelativeState
-from safe_inspect.rta.filters.team.decentralised import DecentralisedFilter
-from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import BoolArray, FloatArray
 
 
@@ -29,10 +27,7 @@ class TeamFlight:
     def __init__(self, kind: str, run: TeamFilter, start: TeamState, substeps: int) -> None:
         """Begin at the first states; see `team_report` for the arguments."""
         p = run.alone.parameters
-        names = [name for name in run.names if name not in PAIR_CONSTRAINTS]
-        pairs = [name for name in run.names if name in PAIR_CONSTRAINTS]
         self._kind, self._run, self._substeps, self._n = kind, run, substeps, float(p.n)
-        self._apart = DecentralisedFilter(p, names, pairs, run.deputy_radius) if kind == "decentralised" else None
         self._step = float(p.step_size)
         self._whole, self._part = transition(p.n, p.m, p.step_size), transition(p.n, p.m, p.step_size / substeps)
         self._plan = np.zeros(start.position.shape[:2], np.int64)
@@ -51,13 +46,13 @@ class TeamFlight:
             self._plan = result.plan
             return result.control, ~result.infeasible, result.backup
         promised, backup = np.ones(runs, np.bool_), np.zeros(runs, np.bool_)
-        if self._apart is None:
+        if self._kind != "decentralised":
             return desired, promised, backup
         control = np.empty_like(desired)
         for i in range(deputies):
             others = [j for j in range(deputies) if j != i]
             state = self.state
-            one = self._apart(
+            one = self._run.decentralised(
                 RelativeState(state.position[:, i], state.velocity[:, i], state.sun_angle), desired[:, i],
                 state.position[:, others], state.velocity[:, others],
             )  # fmt: skip

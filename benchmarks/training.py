@@ -174,7 +174,7 @@ class RLlibTraining:
 
     def __init__(self, experiment: Experiment, **more: Any) -> None:
         from safe_inspect.experiments.learning.algorithm import build_config, register_environments
-        from safe_inspect.experiments.settings.environments import environment_settings
+        from safe_inspect.experiments.settings.policies import environment_settings
         from safe_inspect.experiments.settings.translation import translate_rllib
 
         rllib = translate_rllib({**experiment.rllib, **more})

@@ -17,18 +17,15 @@ __all__ = ["__version__", "load_experiment", "load_policy", "make", "make_parall
 
 _HOMES = {
     "load_experiment": "safe_inspect.config.experiment",
-    "load_policy": "safe_inspect.experiments.modules.loaded_policy",
-    "make": "safe_inspect.environments.registration",
-    "make_parallel": "safe_inspect.environments.registration",
-    "make_parallel_vec": "safe_inspect.environments.registration",
-    "make_vec": "safe_inspect.environments.registration",
+    "load_policy": "safe_inspect.experiments.modules.sources",
 }
+_MAKERS = "safe_inspect.environments.registration"
 
 stop_quietly_until_handled()
 importlib.import_module("safe_inspect.task_ids").register_tasks()  # loads Gymnasium
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in __all__:
         raise AttributeError(f"module 'safe_inspect' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(importlib.import_module(_HOMES.get(name, _MAKERS)), name)

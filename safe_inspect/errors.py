@@ -16,7 +16,7 @@ from zipfile import BadZipFile
 UNREADABLE_ARRAYS = (
     OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error, RuntimeError, OverflowError, MemoryError,
 )  # fmt: skip
-#: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.writers`.
+#: How the note of an error begins that a plugin has raised; see `safe_inspect.environments.finite_checks`.
 RAISED_IN = "raised in "
 
 
@@ -26,18 +26,16 @@ class SafeInspectError(Exception):
 
 @dataclass(frozen=True)
 class Location:
-    """A position in a configuration file; lines and columns count from 1.
+    """A position in a configuration file; lines count from 1.
 
     Attributes:
         file: The file, or another source such as ``command line``.
         line: The line; 0 if `text` describes the position.
-        column: The column.
         text: The text that was given, for a source without lines.
     """
 
     file: str
     line: int
-    column: int = 1
     text: str = ""
 
     def __str__(self) -> str:

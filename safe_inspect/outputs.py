@@ -213,7 +213,7 @@ def check_writable(path: Path, endings: Collection[str] = ()) -> None:
             tempfile.NamedTemporaryFile(dir=target.absolute().parent, prefix=f".{target.name}.").close()
 
 
-def check_parent(folder: Path, hint: str = "give another with --output") -> None:
+def check_parent(folder: Path) -> None:
     """Check in advance that a folder can be created or written to; the check leaves nothing behind.
 
     Raises:
@@ -222,7 +222,7 @@ def check_parent(folder: Path, hint: str = "give another with --output") -> None
     place = folder.expanduser().absolute()
     while not os.path.lexists(place):
         place = place.parent
-    with _explained(folder, hint, "output folder"):
+    with _explained(folder, "give another with --output", "output folder"):
         tempfile.TemporaryDirectory(dir=place, prefix=".safe_inspect.").cleanup()
 
 

@@ -116,9 +116,8 @@ def to_si(value: Any, symbol: str) -> Any:
         match = _QUANTITY.match(value)
         if match is None:
             raise UnitError(f"{value!r} is not a quantity; write a number in {symbol or 'no unit'}, or '1.5 {symbol}'")
-        number, name = float(match[1]), match[2]
-        return number * factor(name, symbol) if name else number
-    if isinstance(value, Mapping):
+        number, name = float(match[1]), match[2] or None
+    elif isinstance(value, Mapping):
         unknown = set(value) - {"value", "units", "name"}
         if unknown or "value" not in value:
             raise UnitError(f"a quantity must have the keys `value` and `units`, not {sorted(map(str, value))}")
@@ -126,8 +125,9 @@ def to_si(value: Any, symbol: str) -> Any:
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise UnitError(f"the value {number!r} is not a number")
         name = value.get("units")
-        return float(number) * factor(str(name), symbol) if name is not None else float(number)
-    return value
+    else:
+        return value
+    return float(number) if name is None else float(number) * factor(str(name), symbol)
 
 
 def _describe(symbol: str) -> str:
@@ -188,6 +188,10 @@ PositiveAngularRate = quantity("rad/s", gt=0)
 NonNegativeAngularRate = quantity("rad/s", ge=0)
 #: Full angle of a cone, up to 2 pi, which contains every direction.
 ConeOfView = quantity("rad", gt=0, le=2.0 * math.pi)
+#: Full angle of a cone about a line to a body, up to a half-space.
+ConeToBody = quantity("rad", gt=0, le=math.pi)
+#: Full opening angle; a cone of half a turn or more would cover the whole half space.
+ConeAngle = quantity("rad", gt=0, lt=math.pi)
 PositiveAngularAcceleration = quantity("rad/s^2", gt=0)
 PositiveMomentOfInertia = quantity("kg m^2", gt=0)
 Torque = quantity("N m")
@@ -204,3 +208,6 @@ NonNegativeForce = quantity("N", ge=0)
 PositiveTorque = quantity("N m", gt=0)
 NonNegativeTorque = quantity("N m", ge=0)
 PositiveFrequency = quantity("Hz", gt=0)
+PositiveAcceleration = quantity("m/s^2", gt=0)
+#: Slope of a speed over a range, (m/s)/m.
+SpeedSlope = quantity("Hz", ge=0)

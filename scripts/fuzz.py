@@ -166,9 +166,9 @@ def onnx(numbers: random.Random, folder: Path) -> str:
 def _loaded(path: Path, name: str | None = None) -> str:
     import numpy as np
 
-    from safe_inspect import load_policy
     from safe_inspect.environments.layout import observation_layout
     from safe_inspect.errors import SafeInspectError
+    from safe_inspect.experiments.modules.sources import load_policy
 
     try:
         policy = load_policy(str(path), agent=name)

@@ -1,4 +1,4 @@
-"""Write the names of the keys of RLlib's algorithms in the installed Ray, see `config/keys/rllib_release.py`.
+"""Write the names of the keys of RLlib's algorithms in the installed Ray, see `keys_of_release`.
 
 python scripts/rllib_keys.py
 """
@@ -10,8 +10,7 @@ from typing import Any
 
 import ray
 
-from safe_inspect.config.keys.rllib_keys import ALGORITHMS
-from safe_inspect.config.keys.rllib_release import RELEASE
+from safe_inspect.config.keys.rllib_keys import ALGORITHMS, RELEASE
 from safe_inspect.experiments.learning.algorithm import ATTRIBUTES, attribute_names, default_config
 
 

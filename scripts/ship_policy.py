@@ -36,8 +36,7 @@ def main() -> int:
     if any(not equals for _, equals, _ in pairs):
         parser.error("write --evaluation as TITLE=FILE")
 
-    from safe_inspect.experiments.export.model_card import CardData
-    from safe_inspect.experiments.export.shipping import evaluation_content, ship
+    from safe_inspect.experiments.export.shipping import CardData, evaluation_content, ship
 
     try:
         card = CardData(

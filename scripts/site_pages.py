@@ -28,6 +28,8 @@ _PAGES = {
     "examples/rendezvous_package/README.md": "examples/rendezvous_package/README.md",
 }
 _SCRIPTS = "examples/learners"
+#: Folders of plugins, whose packages export only the base classes; their pages show the modules too.
+_ROOMS = ("safe_inspect.rewards", "safe_inspect.dones", "safe_inspect.glues", "safe_inspect.platforms")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,6 +39,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     files.append(File.generated(config, f"{_SCRIPTS}/index.md", content=_scripts()))
     for module in _modules(config.nav):
         content = f"---\nsearch:\n  boost: 0.5\n---\n\n# `{module}`\n\n::: {module}\n"
+        content += "    options: {show_submodules: true}\n" if module in _ROOMS else ""
         files.append(File.generated(config, f"reference/{module}.md", content=content))
     return files
 

@@ -5,6 +5,31 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
+from typing import Any
+
+
+def add_option(
+    parser: argparse.ArgumentParser,
+    flag: str,
+    metavar: str,
+    about: str,
+    kind: Any = None,
+    default: Any = None,
+    **more: Any,
+) -> None:
+    """Add an option with a value; the help text ends with the default.
+
+    Args:
+        parser: Parser of the command.
+        flag: The option, such as ``--seed``.
+        metavar: Name of its value.
+        about: The help text; it states a default that is not a value itself.
+        kind: Function that converts the text. Default: the text itself is the value.
+        default: The default.
+        more: Further keyword arguments of `argparse.ArgumentParser.add_argument`.
+    """
+    told = about if default in (None, []) else f"{about} (default: {default})"
+    parser.add_argument(flag, metavar=metavar, help=told, type=kind, default=default, **more)
 
 
 def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:
@@ -15,9 +40,7 @@ def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: 
         about: Contents of the folder, for the help text.
         required: Whether the option is required.
     """
-    parser.add_argument(
-        "--output", type=Path, required=required, metavar="FOLDER", help=f"write {about} into this new folder"
-    )
+    add_option(parser, "--output", "FOLDER", f"write {about} into this new folder", Path, required=required)
     parser.add_argument("--force", action="store_true", help="replace the folder if this command wrote all of it")
 
 

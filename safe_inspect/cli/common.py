@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import os
 import re
 import signal
@@ -11,15 +12,17 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.streams import discard_output, lasting_streams, print_error, without_long_words
 from safe_inspect.errors import RAISED_IN, Problem, SafeInspectError, did_you_mean
 from safe_inspect.interrupts import Interrupted, handled
 from safe_inspect.outputs import NO_SPACE, cannot_write, new_folder
 
+EXIT_CODES = "Exit codes: 0 success; 1 negative result; 2 mistake in the input; 128 + N after signal N (130: Ctrl-C)."
 _USER_ERROR = 2
 _PACKAGE = os.path.dirname(os.path.dirname(__file__)) + os.sep
 #: Names of parsed arguments that are not options.
@@ -31,13 +34,14 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         command: A module of `cli.commands` and the name of a command in it, whose arguments are added by
-            ``add_NAME_arguments`` and which ``run_NAME`` runs. The module is imported when a command line is parsed, so
-            that other commands and the list of commands do not import it. None for a parser with subcommands.
+            ``add_NAME_arguments`` and which ``run_NAME`` runs; the docstring of the latter is the help of the command.
+            The module is imported when a command line is parsed, so that other commands and the list of commands do
+            not import it. None for a parser with subcommands.
         options: Keyword arguments of `argparse.ArgumentParser`.
     """
 
     def __init__(self, *, command: tuple[str, str] | None = None, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
         self._command = command
 
     def load(self) -> None:
@@ -45,9 +49,12 @@ class Parser(argparse.ArgumentParser):
         if self._command is None:
             return
         (module, name), self._command = self._command, None
-        commands, name = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
-        getattr(commands, f"add_{name}_arguments")(self)
-        self.set_defaults(run=getattr(commands, f"run_{name}"))
+        commands, function = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
+        run = getattr(commands, f"run_{function}")
+        getattr(commands, f"add_{function}_arguments")(self)
+        self.set_defaults(run=run)
+        self.description, _, example = (inspect.getdoc(run) or "").partition("\n\nExample:\n")
+        self.epilog = f"Example:\n{example}\n\n{EXIT_CODES}\nDocumentation: docs/cli.md#{name}"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Load the command, then parse."""
@@ -146,7 +153,7 @@ def add_experiment_file(parser: argparse.ArgumentParser, *, needed: bool = True)
         "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
         "KEY=VALUE replaces a value by its dotted path, ~KEY removes it",
     )  # fmt: skip
-    parser.add_argument("--cfg", metavar="FILE", help="the experiment, as an option")
+    add_option(parser, "--cfg", "FILE", "the experiment, as an option")
     parser.set_defaults(experiment_needed=needed)
 
 
@@ -161,9 +168,12 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
 def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = True) -> None:
     """Add an experiment, see `add_experiment_file`, and the compute platform."""
     add_experiment_file(parser, needed=needed)
-    parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
-    )
+    add_compute_platform(parser)
+
+
+def add_compute_platform(parser: argparse.ArgumentParser) -> None:
+    """Add the compute platform of an experiment."""
+    add_option(parser, "--compute-platform", "NAME", "entry of the task's rllib_configs", default="local")
 
 
 def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "") -> None:
@@ -184,8 +194,7 @@ def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "")
 
 def print_loading() -> None:
     """Print to standard error that a command with missions needs some time before it starts."""
-    with suppress(OSError):
-        print("loading; the first run on a machine compiles for a minute", file=sys.stderr, flush=True)
+    print_error("loading; the first run on a machine compiles for a minute")
 
 
 @contextmanager
@@ -215,8 +224,7 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
         with handled(), _plain_warnings(), lasting_streams():
             arguments = parse_arguments(parser, argv)
             _check_working_directory()
-            code: int = arguments.run(arguments)
-            return code
+            return int(arguments.run(arguments))
     except SafeInspectError as error:
         print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
         return _USER_ERROR

@@ -79,23 +79,16 @@ class PilotCandidate:
         return []
 
     def fly(
-        self,
-        episodes: int,
-        seed: int,
-        num_envs: int,
-        *,
-        kept: KeptEpisodes | None = None,
-        progress: Callable[[int, int], None] | None = None,
-        **_: Any,
+        self, episodes: int, *_: Any, kept: KeptEpisodes | None = None, progress: Any = None, **__: Any
     ) -> Episodes:
         """Run episodes; see `fly_missions`.
 
         Args:
             episodes: Number of episodes.
-            seed: Seed of the experiment.
-            num_envs: Has no effect: each episode is a separate batch.
+            _: Seed, which is that of the experiment, and number of environments; each episode is a separate batch.
             kept: Stored episodes, which are not run again.
             progress: Function that is called with (finished episodes, `episodes`).
+            __: Arguments of `Candidate.fly` that have no effect on missions.
         """
         return fly_missions(self.experiment, episodes, self.flights, kept, progress)
 
@@ -152,7 +145,7 @@ def _flights(arguments: argparse.Namespace) -> Flights:
     workers = arguments.workers or 1
     if not addresses:
         return LocalFlights(workers)
-    from safe_inspect.experiments.runs.missions import RayFlights  # loads Ray
+    from safe_inspect.experiments.runs.cluster import RayFlights  # loads Ray
 
     return RayFlights(addresses[-1], workers)
 

@@ -1,12 +1,13 @@
 """Compiled functions: kernels, and functions with generated source that call kernels."""
 
-from safe_inspect.compiling.generated import Generated, generate
 from safe_inspect.compiling.kernel import (
     BORROWING,
     COMPILING_NOTE,
+    Generated,
     Kernel,
     announce_compiling,
     compiling_seconds,
+    generate,
     njit,
 )
 

@@ -19,9 +19,12 @@ from __future__ import annotations
 
 import functools
 import gc
+import hashlib
+import importlib.util
 import inspect
 import os
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -30,7 +33,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
-from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, machine_code_folder
+from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, installed_folder, machine_code_folder
 
 __all__ = ["BORROWING", "Kernel", "njit"]
 
@@ -67,13 +70,11 @@ class Kernel(Generic[P, R]):
     def __init__(self, function: Callable[P, R], options: Mapping[str, Any]) -> None:
         functools.update_wrapper(self, function)
         self._function, self._options = function, options
-        self._dispatcher: Callable[P, R] | None = None
-        self._part: Any = None
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the compiled function."""
-        call = self._dispatcher or self.dispatcher
-        return call(*args, **kwargs)
+        result: R = self.dispatcher(*args, **kwargs)
+        return result
 
     def __reduce__(self) -> Any:
         """Pickle the kernel by its name in its module, or as its function if other processes lack the module."""
@@ -86,20 +87,16 @@ class Kernel(Generic[P, R]):
         """Return the kernel itself, because it is immutable."""
         return self
 
-    @property
+    @functools.cached_property
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function, for calls from Python."""
-        if self._dispatcher is None:
-            self._dispatcher = cached(_njit({**self._options, "no_cfunc_wrapper": True}), self)
-        return self._dispatcher
+        return cached(functools.partial(_compile, {**self._options, "no_cfunc_wrapper": True}), self)
 
-    @property
+    @functools.cached_property
     def part(self) -> Any:
         """Numba's dispatcher of the function, for calls from other kernels: without wrappers for Python and C."""
-        if self._part is None:
-            options = {**self._options, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-            self._part = cached(_njit(options), self, "called")
-        return self._part
+        options = {**self._options, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+        return cached(functools.partial(_compile, options), self, "called")
 
 
 @overload
@@ -129,13 +126,10 @@ def compiling_seconds() -> float:
     return _spent[0]
 
 
-def _njit(options: Mapping[str, Any]) -> Callable[..., Any]:
-    def decorate(function: Any, cache: bool) -> Any:
-        import numba
+def _compile(options: Mapping[str, Any], function: Any, cache: bool) -> Any:
+    import numba
 
-        return numba.njit(cache=cache, **options)(function)
-
-    return decorate
+    return numba.njit(cache=cache, **options)(function)
 
 
 @functools.cache
@@ -259,3 +253,69 @@ def _folder_for(kernel: Kernel[..., Any]) -> Path | None:
 
 def _in_package(source: str) -> bool:
     return Path(source).is_relative_to(PACKAGE) and "__pycache__" not in source
+
+
+_functions: dict[str, Generated] = {}
+
+
+class Generated(Kernel[..., Any]):
+    """A kernel with generated source. A copy in another process is generated again."""
+
+    origin: tuple[str, str, Mapping[str, Kernel[..., Any]], Mapping[str, Any]]
+
+    def __reduce__(self) -> Any:
+        """Pickle the arguments from which the kernel is generated."""
+        return generate, self.origin
+
+
+def generate(
+    name: str, source: str, kernels: Mapping[str, Kernel[..., Any]], options: Mapping[str, Any] | None = None
+) -> Generated:
+    """Return a function with generated source as a `Kernel`; the same source and kernels give the same object.
+
+    The source is written to a file, so that the machine code can be cached on disk. The name of the file contains a
+    digest of the source and of every file that defines one of the kernels, or a kernel that these call, so that the
+    cache cannot be out of date.
+
+    Args:
+        name: Name of the function that the source defines.
+        source: The source.
+        kernels: The kernels that the source calls, by their names in the source.
+        options: Options of `numba.njit`.
+    """
+    digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
+    for label, kernel in sorted(kernels.items()):
+        digest.update(f"{label} {kernel.__module__} {kernel.__qualname__}".encode())
+    digest.update(digest_of_files(map(source_of, called_by(kernels.values()))).encode())
+    key = digest.hexdigest()[:24]
+    if key not in _functions:
+        path = _written(f"{name}_{key}.py", source)
+        spec = importlib.util.spec_from_file_location(f"safe_inspect.compiling.kernel.{path.stem}", path)
+        assert spec is not None, "a file with the suffix .py has a loader"
+        assert spec.loader is not None, "a file with the suffix .py has a loader"
+        module = importlib.util.module_from_spec(spec)
+        vars(module).update(kernels)
+        sys.modules[spec.name] = module  # cached machine code imports its module
+        spec.loader.exec_module(module)
+        made = _functions[key] = Generated(getattr(module, name), options or {})
+        made.origin = (name, source, kernels, options or {})
+    return _functions[key]
+
+
+def _written(name: str, source: str) -> Path:
+    """Return a file with the source: with the package's machine code, or in a folder for temporary files."""
+    own = f"safe_inspect-{os.getuid() if hasattr(os, 'getuid') else 0}"
+    chosen = machine_code_folder(digest_of())
+    folders = [installed_folder(digest_of()), *([chosen] if chosen else []), Path(tempfile.gettempdir()) / own]
+    for folder in folders:
+        path = folder / "generated" / name
+        try:
+            if not path.is_file():
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                partial = path.with_suffix(f".{os.getpid()}")
+                partial.write_text(source, encoding="utf-8")
+                partial.replace(path)
+            return path
+        except OSError:
+            continue
+    raise OSError(f"neither {folders[0]} nor {tempfile.gettempdir()} can be written; compiled code needs one of them")

@@ -20,11 +20,11 @@ from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import REPLACED, LocatedDict, ResolvedExperiment, locate, path_text
 from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
-from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.messages.report import Place, problems_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
-from safe_inspect.dones.time_limit import MAX_HORIZON, EpisodeLengthDone
+from safe_inspect.dones.limits import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
 from safe_inspect.task_ids import ALL_TASKS, FORMER_IDS, TASK_OVERRIDES
 
@@ -107,16 +107,17 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
         found = [*problems, *problems_of(error, expanded, model=ExperimentConfig)]
         raise ConfigError(_listed(found, expanded)) from None
 
-    def report(where: tuple[Any, ...], message: str) -> None:
+    def add(where: tuple[Any, ...], message: str) -> None:
         problems.append(Problem(message, path_text(where), locate(expanded, where)))
 
+    root = Place(add)
     for name, entries in (("platform_config", config.platform_config), ("agent_config", config.agent_config)):
         if not entries:
             raise ConfigError([*problems, Problem("the list is empty; add an entry", name, locate(expanded, (name,)))])
-    policies = policies_of(config, report)
-    rllib, policies = _rllib(config, policies, compute_platform, report)
-    horizon = _horizon(config, rllib, report)
-    spec = assemble(config, horizon, report, seed=_seed(rllib))
+    policies = policies_of(config, root)
+    rllib, policies = _rllib(config, policies, compute_platform, root)
+    horizon = _horizon(config, rllib, root)
+    spec = assemble(config, horizon, root, seed=_seed(rllib))
     if problems or spec is None:
         raise ConfigError(_listed(problems, expanded))
     algorithm = next(policy.algorithm for policy in policies.values() if policy.trains)
@@ -152,14 +153,14 @@ def replaced_lists(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[Problem]:
 
 
 def _rllib(
-    config: ExperimentConfig, policies: dict[str, PolicySpec], compute_platform: str, report: Any
+    config: ExperimentConfig, policies: dict[str, PolicySpec], compute_platform: str, root: Place
 ) -> tuple[dict[str, Any], dict[str, PolicySpec]]:
     """Return the RLlib keys that apply to all policies, and the policies with their additional keys."""
     configs = config.config.config.rllib_configs
     name = compute_platform if compute_platform in configs else "default"
     if configs and name not in configs:
         text = f"there is no {compute_platform!r}; {did_you_mean(compute_platform, configs)}"
-        report(("config", "config", "rllib_configs"), text)
+        root.report(text, "config", "config", "rllib_configs")
     learning = [policy.config for policy in policies.values() if policy.trains]
     common = {
         key: value
@@ -173,7 +174,7 @@ def _rllib(
     return {**configs.get(name, {}), **common}, own
 
 
-def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> int:
+def _horizon(config: ExperimentConfig, rllib: dict[str, Any], root: Place) -> int:
     """Return the time limit from the environment or, as in safe-autonomy-sims, from the RLlib keys.
 
     If both contain one, that of the environment applies, as in safe-autonomy-sims; that of the RLlib keys is not
@@ -184,15 +185,15 @@ def _horizon(config: ExperimentConfig, rllib: dict[str, Any], report: Any) -> in
         rllib.pop("horizon", None)
     if other is not None and (isinstance(other, bool) or not isinstance(other, int) or not 1 <= other <= MAX_HORIZON):
         message = f"`horizon` must be a number of steps from 1 to {MAX_HORIZON}, not {other!r}"
-        report(("config", "config", "rllib_configs"), message)
+        root.report(message, "config", "config", "rllib_configs")
         other = None
     horizon = own or other
     for index, entry in enumerate(config.agent_config):
         for place, done in enumerate(entry.body.dones):
             limit = done.functor.horizon if isinstance(done.functor, EpisodeLengthDone) else None
             if limit is not None and horizon is not None and limit != horizon:
-                second = ("agent_config", index, "config", "config", "dones", place)
-                report(second, f"the horizon is {limit} here but {horizon} in the environment; remove one of them")
+                text = f"the horizon is {limit} here but {horizon} in the environment; remove one of them"
+                root.report(text, "agent_config", index, "config", "config", "dones", place)
     return horizon or 1224
 
 

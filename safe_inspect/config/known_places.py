@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
-from safe_inspect.config.loading.located import LocatedDict, has, value_at, with_value
+from safe_inspect.config.loading.located import LocatedDict, has, rewritten, value_at, with_value
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.models.fields import known_keys, plugin_of
 
@@ -14,6 +14,12 @@ _TASK = ("config", "config")
 _MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
 _RLLIB = {*rllib_keys.COMMON_KEYS, *rllib_keys.OWN_KEYS}.union(*rllib_keys.ALGORITHM_KEYS.values())
 _STOP = (*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED)
+#: Keys of Tune and Ray by the path below the task.
+_RUN: dict[tuple[Any, ...], Collection[str]] = {
+    ("tune_config",): run_keys.TUNE_KEYS.keys() - {"stop"},
+    ("tune_config", "stop"): _STOP,
+    ("ray_config",): run_keys.RAY_KEYS,
+}
 
 
 def with_empty_mappings(tree: Any) -> Any:
@@ -34,17 +40,24 @@ def with_empty_mappings(tree: Any) -> Any:
     return tree
 
 
+def with_configs(node: Any) -> Any:
+    """Return a tree with an empty `config` for each plugin that has none."""
+    if isinstance(node, list):
+        return rewritten(node, map(with_configs, node))
+    if not isinstance(node, Mapping):
+        return node
+    filled = {key: with_configs(value) for key, value in node.items()}
+    if filled.get("config") is None and plugin_of(node) is not None:
+        filled["config"] = LocatedDict()
+    return rewritten(node, filled)
+
+
 def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
     """Return whether the mapping at a path of an experiment may contain a key."""
-    if path[:2] == _TASK:
-        if path[2:3] == ("rllib_configs",) and len(path) == 4:
-            return key in _RLLIB or key in old_keys.SPELLINGS
-        if path[2:] == ("tune_config",):
-            return key in run_keys.TUNE_KEYS and key != "stop"
-        if path[2:] == ("tune_config", "stop"):
-            return key in _STOP
-        if path[2:] == ("ray_config",):
-            return key in run_keys.RAY_KEYS
+    if path[:3] == (*_TASK, "rllib_configs") and len(path) == 4:
+        return key in _RLLIB or key in old_keys.SPELLINGS
+    if path[:2] == _TASK and path[2:] in _RUN:
+        return key in _RUN[path[2:]]
     if path[-1:] in (("model_config",), ("model",)):
         return key in _MODEL
     return key in known_keys(tree, path, ExperimentConfig)

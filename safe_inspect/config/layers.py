@@ -14,6 +14,8 @@ from safe_inspect.errors import ConfigError, Problem
 
 #: The keys of a task whose lists of mappings are merged from left to right.
 _MERGED = ("ray_config", "env_config", "tune_config")
+#: The keys of the entries of a list that may be lists themselves.
+_ENTRIES = {"platform_config": ("name", "config"), "agent_config": ("name", "platforms", "config", "policy")}
 #: Path of the body of a task or an agent, and the keys of both.
 _BODY = ("config", "config")
 _TASK_KEYS, _AGENT_KEYS = frozenset(TaskBody.model_fields), frozenset(AgentBody.model_fields)
@@ -58,13 +60,13 @@ def _merged(tree: Any, path: str) -> LocatedDict:
             holder[key] = merge(value) if isinstance(value, list) else value
 
     read(tree, "config")
-    for entries, keys in (("platform_config", ("config",)), ("agent_config", ("config", "policy"))):
-        items = tree.get(entries)
-        if isinstance(items, list):
-            for index, item in enumerate(items):
-                items[index] = item = _entry(item, ("name", *keys) if len(keys) == 1 else ("name", "platforms", *keys))
-                for key in keys:
-                    read(item, key)
+    for entries, keys in _ENTRIES.items():
+        items = tree[entries] if isinstance(tree.get(entries), list) else []
+        for index, item in enumerate(items):
+            items[index] = _entry(item, keys)
+            for key in keys:
+                if key in ("config", "policy"):
+                    read(items[index], key)
     body = tree["config"].get("config") if isinstance(tree.get("config"), dict) else None
     if isinstance(body, LocatedDict):
         for key in _MERGED:

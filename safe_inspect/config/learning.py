@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from safe_inspect.config.experiment import Experiment
@@ -20,7 +20,7 @@ _POLICY: _KeyPath = ("agent_config", 0, "policy", "config")
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 
 
-def placed(experiment: Experiment, problems: Sequence[Problem]) -> list[Problem]:
+def placed(experiment: Experiment, problems: Iterable[Problem]) -> list[Problem]:
     """Return problems whose paths start with `rllib_configs`, `tune_config` or `ray_config`, with their locations."""
     return [_placed(experiment, problem) for problem in problems]
 
@@ -67,11 +67,9 @@ def _unfit_actions(experiment: Experiment) -> list[Problem]:
 def _unrewarded(experiment: Experiment) -> list[Problem]:
     """Return the policies that cannot learn because none of their agents has a reward."""
     rewards = {agent.name: agent.rewards for agent in experiment.spec.agents}
+    text = "no reward, so that nothing can be learned; add one to `rewards`"
     return [
-        Problem(
-            f"{', '.join(policy.agents)}: no reward, so that nothing can be learned; add one to `rewards`",
-            f"policies.{policy.name}",
-        )
+        Problem(f"{', '.join(policy.agents)}: {text}", f"policies.{policy.name}")
         for policy in experiment.policies.values()
         if policy.trains and not any(rewards[agent] for agent in policy.agents)
     ]
@@ -101,7 +99,7 @@ def _placed(experiment: Experiment, problem: Problem) -> Problem:
 def _places_of_policy(experiment: Experiment, path: str) -> list[_KeyPath]:
     """Return the possible paths of ``policies.NAME.KEY``: in the entry, or the template, of an agent of that policy."""
     rest = path.removeprefix("policies.")
-    named = [policy for name, policy in experiment.policies.items() if rest == name or rest.startswith(f"{name}.")]
+    named = [policy for name, policy in experiment.policies.items() if f"{rest}.".startswith(f"{name}.")]
     if not named:
         return []
     policy = max(named, key=lambda policy: len(policy.name))

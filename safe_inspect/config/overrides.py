@@ -16,19 +16,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from safe_inspect.config.keys.other_words import OTHER_WORDS, key_hint
+from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
 from safe_inspect.config.known_places import (
     in_plugin,
     learning_keys,
     may_have,
     spellings,
+    with_configs,
     with_empty_mappings,
 )
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
-from safe_inspect.config.loading.located import LocatedList, locate, rewritten, value_at, with_value
+from safe_inspect.config.loading.located import locate, marked, rewritten, value_at, with_marks, with_value
 from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
 from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.models.fields import known_keys, plugin_of
+from safe_inspect.config.models.fields import known_keys
 from safe_inspect.errors import ConfigError, Location, Problem
 
 #: An index in the form of messages: ``agent_config[0].policy``.
@@ -83,23 +84,19 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         if len(found) == 1:
             return _removed(tree, found[0])
     elif not found:
-        found = [(*path, parts[-1]) for path in _walk(tree, parts[:-1]) if isinstance(value_at(tree, path), Mapping)]
         if dotted in OTHER_WORDS:
             hint = f"did you mean `{OTHER_WORDS[dotted]}={text}`?"
             raise ConfigError(Problem(f"`{dotted}` is not a key here", location=location, hint=hint))
-        if not any(True for _ in _steps(tree, parts[0])):
-            tree, found = _missing(tree, parts)
-            if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
-                note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
-                warnings.warn(note, stacklevel=2)
-        found = found or _accepting(tree, parts)
+        holders = _walk(tree, parts[:-1]) if parts[1:] else []
+        found = [(*path, parts[-1]) for path in holders if isinstance(value_at(tree, path), Mapping)]
+        found = found or _missing(tree, parts)
+        if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
+            note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
+            warnings.warn(note, stacklevel=2)
     if len(found) == 1:
-        path, value = found[0], parse(text, location)
-        if path[-2:-1] == ("config",) and "config" not in value_at(tree, path[:-2]):
-            path, value = path[:-1], {path[-1]: value}
-        return with_value(tree, path, value, location)
+        return with_value(tree, found[0], parse(text, location), location)
     if found:
-        raise ConfigError(_several(tree, parts, found, text, location))
+        raise ConfigError(_several(with_configs(with_empty_mappings(tree)), parts, found, text, location))
     raise ConfigError(_unknown(tree, parts, location))
 
 
@@ -129,22 +126,6 @@ def _stored(tree: Any, parts: list[str]) -> str | None:
         if isinstance(references, Mapping) and isinstance(references.get(parts[-1]), str):
             return str(references[parts[-1]])
     return None
-
-
-def _accepting(tree: Any, parts: list[str]) -> list[Found]:
-    """Return the matches of a path to the `config` of a plugin that has none yet, or to a field in it."""
-    if "config" not in parts[-2:]:
-        parts = [*parts[:-1], "config", parts[-1]]
-    depth = len(parts) - 1 - (parts[-2] == "config")
-    if depth < 1:
-        return []
-    found = []
-    for path in _existing(tree, parts[:depth]):
-        functor = value_at(tree, path)
-        plugin = plugin_of(functor)
-        if plugin is not None and "config" not in functor and plugin.model_fields.keys() >= {*parts[depth + 1 :]}:
-            found.append((*path, *parts[depth:]))
-    return found
 
 
 def _several(tree: Any, parts: list[str], found: list[Found], text: str, location: Location) -> Problem:
@@ -183,22 +164,28 @@ def _fits_alone(tree: Any, parts: list[str], path: Found) -> bool:
     return found == [path] if found else _existing(tree, parts[:-1]) == [path[:-1]]
 
 
-def _missing(tree: Any, parts: list[str]) -> tuple[Any, list[Found]]:
-    """Return the tree and every match of a path whose key no file has, or has by another of its names."""
+def _missing(tree: Any, parts: list[str]) -> list[Found]:
+    """Return every match of a path whose key no file has, or has by another of its names."""
     for name in spellings(parts[-1]):
         found = _existing(tree, [*parts[:-1], name])
         if found:
-            return tree, found
+            return found
     filled = with_empty_mappings(tree)
+    return _accepting(filled, parts) or _accepting(with_configs(filled), parts)
+
+
+def _accepting(filled: Any, parts: list[str]) -> list[Found]:
+    """Return the matches of a path whose last mapping is in a tree, if that mapping may have the key."""
     holders = [path for path in _containers(filled) if isinstance(value_at(filled, path), Mapping)]
     if len(parts) > 1:
         fitting = set(_existing(filled, parts[:-1]))
         holders = [path for path in holders if path in fitting or (path[-1:] == ("config",) and path[:-1] in fitting)]
     for name in spellings(parts[-1]):
-        found = [(*path, name) for path in holders if may_have(filled, path, name)]
+        found = _existing(filled, [*parts[:-1], name])
+        found = found or [(*path, name) for path in holders if may_have(filled, path, name)]
         if found:
-            return filled, found
-    return tree, []
+            return found
+    return []
 
 
 def _with_platform(tree: Any, parts: list[str]) -> list[str]:
@@ -219,10 +206,9 @@ def _removed(tree: Any, path: Found) -> Any:
         del rest[path[-1]]
         rest.marks.pop(path[-1], None)
     else:
-        kept = [index for index in range(len(holder)) if index != path[-1]]
-        marks = getattr(holder, "marks", {})
-        marks = {new: marks[old] for new, old in enumerate(kept) if old in marks}
-        rest = LocatedList([holder[index] for index in kept], marks, getattr(holder, "location", None))
+        pairs = marked(holder)
+        del pairs[path[-1]]
+        rest = with_marks(pairs, getattr(holder, "location", None))
     return with_value(tree, path[:-1], rest, locate(tree, path[:-1]))
 
 
@@ -243,7 +229,7 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         hint = key_hint(parts[depth], known) if known else ""
         if parts[depth] in known:
             hint = "it is not given here; if a reference gives it, change it in the `reference_store`"
-        if depth == len(parts) - 1 and len(only := _missing(tree, parts[-1:])[1]) == 1:
+        if depth == len(parts) - 1 and len(only := _missing(tree, parts[-1:])) == 1:
             place = ".".join(map(str, only[0][:-1]))
             hint = f"the only `{parts[-1]}` is in {place}; if it is meant, write `{parts[-1]}=...`"
         return Problem(message if known else f"{message}, which contains no keys", "", location, hint)
@@ -307,8 +293,7 @@ def _containers(tree: Any, path: Found = ()) -> Iterator[Found]:
 
 def _number(tree: Any, path: Found) -> float | None:
     """Return the number at a path, without its unit, or None if there is none."""
-    value = value_at(tree, path)
     try:
-        return None if isinstance(value, bool) else float(str(value).partition(" ")[0])
+        return float(str(value_at(tree, path)).partition(" ")[0])
     except ValueError:
         return None

@@ -14,7 +14,7 @@ from safe_inspect.platforms.sensor_errors import Measured
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
-from safe_inspect.rta.team import TeamSafety
+from safe_inspect.rta.base import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulator import Simulator
 

@@ -8,11 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from safe_inspect.simulators import Step, View, World
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
-from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import Step, View
-from safe_inspect.simulators.world import World
-from safe_inspect.types import BoolArray
+from safe_inspect.types import ArraySpec, BoolArray
 
 
 class DoneStatus(IntEnum):

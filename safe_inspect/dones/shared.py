@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -52,7 +51,7 @@ class CollisionDoneFunction(SharedDoneFunction):
         """Return `DoneStatus.LOSE` where two deputies have collided, int8, shape (N,)."""
         near = step.after.distance < self.safety_constraint
         if self.exempt:
-            gone = _ended_in(step.status, self.exempt)
+            gone = np.isin(step.status, [DoneStatus[ending.upper()] for ending in self.exempt])
             one, other = np.triu_indices(step.status.shape[1], 1)
             near = near & ~gone[:, one] & ~gone[:, other]
         return _where(near.any(axis=-1), _LOSE)
@@ -99,11 +98,6 @@ class SetAllDoneFunction(SharedDoneFunction):
             if status.name.lower() in self.statuses:
                 found[(step.status == status).any(axis=-1)] = status
         return found
-
-
-def _ended_in(status: AnyArray, endings: Sequence[Ending]) -> BoolArray:
-    """Return whether the status of each agent is one of the given ones, shape (N, D)."""
-    return np.isin(status, [DoneStatus[ending.upper()] for ending in endings])
 
 
 def _where(rows: BoolArray, status: np.int8) -> AnyArray:

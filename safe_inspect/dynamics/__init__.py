@@ -5,8 +5,7 @@ from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynami
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
 from safe_inspect.dynamics.free_flyer import FreeFlyer
-from safe_inspect.dynamics.orbit.drag import Drag
-from safe_inspect.dynamics.orbit.relative_orbit import RelativeOrbit
+from safe_inspect.dynamics.orbit.relative_orbit import Drag, RelativeOrbit
 
 __all__ = [
     "NO_DISTURBANCE",

@@ -74,8 +74,7 @@ class DisturbanceBounds(BaseModel):
 
     def exceeded(self, other: DisturbanceBounds) -> list[str]:
         """Return the names of the fields in which another disturbance is larger than this one."""
-        pairs = zip(DisturbanceBounds.model_fields, self.bounds, other.bounds, strict=True)
-        return [name for name, mine, theirs in pairs if theirs > mine]
+        return [name for name in DisturbanceBounds.model_fields if getattr(other, name) > getattr(self, name)]
 
     def __add__(self, other: DisturbanceBounds) -> DisturbanceBounds:
         """Return the bounds of two disturbances that act together; they may exceed the allowed range of the fields."""

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 
 from safe_inspect.compiling import Kernel, njit
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.dynamics.cwh import cwh_row, row_state, transition
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate
 
@@ -19,8 +18,7 @@ def clohessy_wiltshire_row(
 ) -> float:
     """Advance one body by the exact map for a held thrust; see `Dynamics`."""
     x, y, z = control[0] / mass, control[1] / mass, control[2] / mass
-    before = (position[0], position[1], position[2], velocity[0], velocity[1], velocity[2])
-    after = cwh_row(phi, gamma, before, x, y, z)
+    after = cwh_row(phi, gamma, row_state(position, velocity), x, y, z)
     for k in range(3):
         position[k] = after[k]
         velocity[k] = after[3 + k]

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.types import FloatArray
 
 #: Largest cell of the grid, as an angle of the orbit [rad]; the range squared contains no frequency above 2 n.
@@ -127,13 +127,7 @@ def _approach(p: FloatArray, v: FloatArray, low: float, high: float, start: floa
 
 
 @njit
-def closest_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
-    """Return the time of the closest approach to the origin over the grid's span [s]; see `least_coasting_range`."""
-    return _extreme_time(p, v, table, n, 1.0)
-
-
-@njit
-def _extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sign: float) -> float:
+def extreme_time(p: FloatArray, v: FloatArray, table: FloatArray, n: float, sign: float) -> float:
     """Return the time within the grid's span at which sign * range is smallest [s]; sign is 1 or -1."""
     a, f_a, g_a = 0.0, 0.0, 0.0
     best, best_f = 0.0, 0.0
@@ -179,12 +173,12 @@ def least_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: flo
         table: See `grid`.
         n: Mean motion [rad/s].
     """
-    t = closest_time(p, v, table, n)
+    t = extreme_time(p, v, table, n, 1.0)
     return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])
 
 
 @njit
 def largest_coasting_range(p: FloatArray, v: FloatArray, table: FloatArray, n: float) -> float:
     """Return the largest range over the grid's span without thrust [m]; arguments as for `least_coasting_range`."""
-    t = _extreme_time(p, v, table, n, -1.0)
+    t = extreme_time(p, v, table, n, -1.0)
     return math.sqrt(coast(p, v, t, math.sin(n * t), math.cos(n * t), n)[6])

@@ -1,4 +1,7 @@
-"""Relative motion about a circular orbit: the Clohessy-Wiltshire-Hill (CWH) equations."""
+"""Relative motion about a circular orbit: the Clohessy-Wiltshire-Hill (CWH) equations.
+
+Every propagation in the package uses `cwh_row`, the map of one step of one spacecraft.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 
 import numpy as np
 
+from safe_inspect.compiling import njit
 from safe_inspect.types import FloatArray
 
 # Below this angle [rad] the series of (x - sin x)/x^3 is more accurate than the difference.
@@ -13,41 +17,11 @@ _SERIES_ANGLE = 1.0
 _SERIES_TERMS = 10
 
 
-def system_matrices(mean_motion: float, mass: float) -> tuple[FloatArray, FloatArray]:
-    """Return A and B of ``d(state)/dt = A state + B control``.
-
-    In components, with n the chief's mean motion and u the thrust: ``x'' = 3 n^2 x + 2 n y' + u_x/m``,
-    ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``.
-
-    Args:
-        mean_motion: Mean motion n of the chief's circular orbit [rad/s]; 0 means free space.
-        mass: Mass m of the deputy [kg].
-
-    Returns:
-        A, shape (6, 6), and B, shape (6, 3). The state is the position [m] and the velocity [m/s]
-        relative to the chief in Hill's frame; the control is a force [N].
-
-    Raises:
-        ValueError: The mean motion is negative, the mass is not positive, or one of them is not finite.
-
-    Source:
-        Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960.
-    """
-    _check(mean_motion, mass)
-    n = mean_motion
-    a = np.zeros((6, 6))
-    a[0, 3] = a[1, 4] = a[2, 5] = 1.0
-    a[3, 0] = 3.0 * n * n
-    a[3, 4] = 2.0 * n
-    a[4, 3] = -2.0 * n
-    a[5, 2] = -n * n
-    b = np.zeros((6, 3))
-    b[3, 0] = b[4, 1] = b[5, 2] = 1.0 / mass
-    return a, b
-
-
 def transition(mean_motion: float, mass: float, step: float) -> tuple[FloatArray, FloatArray]:
     """Return Phi and Gamma of the exact map ``state(t + step) = Phi state(t) + Gamma control``.
+
+    The motion is ``d(state)/dt = A state + B control``. In components, with n the chief's mean motion and u the thrust:
+    ``x'' = 3 n^2 x + 2 n y' + u_x/m``, ``y'' = -2 n x' + u_y/m``, ``z'' = -n^2 z + u_z/m``.
 
     The control is held over the step (zero-order hold), so that Phi = exp(A step) and Gamma is the integral of exp(A
     tau) B over the step. Both are evaluated in closed form, written so that a short step does not subtract nearly equal
@@ -62,15 +36,9 @@ def transition(mean_motion: float, mass: float, step: float) -> tuple[FloatArray
     Returns:
         Phi, shape (6, 6), and Gamma, shape (6, 3), for SI states in Hill's frame and forces in newtons.
 
-    Raises:
-        ValueError: The mean motion is negative, the mass is not positive, or an argument is not finite.
-
     Source:
         Clohessy and Wiltshire, "Terminal guidance system for satellite rendezvous", 1960; Gamma by integration.
     """
-    _check(mean_motion, mass)
-    if not math.isfinite(step):
-        raise ValueError(f"step must be finite, got {step}")
     n, t = mean_motion, step
     angle = n * t
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -124,8 +92,68 @@ def _ratios(angle: float) -> tuple[float, float, float]:
     return f1, f2, f3
 
 
-def _check(mean_motion: float, mass: float) -> None:
-    if not (math.isfinite(mean_motion) and mean_motion >= 0.0):
-        raise ValueError(f"mean_motion must be finite and not negative [rad/s], got {mean_motion}")
-    if not (math.isfinite(mass) and mass > 0.0):
-        raise ValueError(f"mass must be finite and positive [kg], got {mass}")
+#: Position [m] and velocity [m/s], Hill frame.
+RowState = tuple[float, float, float, float, float, float]
+
+
+@njit(error_model="numpy")
+def row_state(position: FloatArray, velocity: FloatArray) -> RowState:
+    """Return a position and a velocity, shape (3,) each, as one tuple."""
+    return position[0], position[1], position[2], velocity[0], velocity[1], velocity[2]
+
+
+@njit(error_model="numpy")
+def cwh_row(phi: FloatArray, gamma: FloatArray, x: RowState, ax: float, ay: float, az: float) -> RowState:
+    """Return ``phi x + gamma [ax, ay, az]``, without the elements of the two matrices that are always zero.
+
+    The sums are evaluated in one fixed order, so that a row gives bit-identical results wherever it is computed.
+
+    Args:
+        phi: Transition matrix, shape (6, 6); see `safe_inspect.dynamics.cwh.transition`.
+        gamma: Input matrix, shape (6, 3); for accelerations, that of a body of 1 kg.
+        x: The state before the step.
+        ax: Acceleration along x held over the step [m/s^2], or thrust [N] with the body's own input matrix.
+        ay: The same along y.
+        az: The same along z.
+    """
+    return (
+        0.0 + phi[0, 0] * x[0] + phi[0, 3] * x[3] + phi[0, 4] * x[4] + gamma[0, 0] * ax + gamma[0, 1] * ay,
+        0.0 + phi[1, 0] * x[0] + x[1] + phi[1, 3] * x[3] + phi[1, 4] * x[4] + gamma[1, 0] * ax + gamma[1, 1] * ay,
+        0.0 + phi[2, 2] * x[2] + phi[2, 5] * x[5] + gamma[2, 2] * az,
+        0.0 + phi[3, 0] * x[0] + phi[3, 3] * x[3] + phi[3, 4] * x[4] + gamma[3, 0] * ax + gamma[3, 1] * ay,
+        0.0 + phi[4, 0] * x[0] + phi[4, 3] * x[3] + phi[4, 4] * x[4] + gamma[4, 0] * ax + gamma[4, 1] * ay,
+        0.0 + phi[5, 2] * x[2] + phi[5, 5] * x[5] + gamma[5, 2] * az,
+    )
+
+
+@njit
+def propagate(
+    position: FloatArray,
+    velocity: FloatArray,
+    control: FloatArray,
+    phi: FloatArray,
+    gamma: FloatArray,
+    position_out: FloatArray,
+    velocity_out: FloatArray,
+) -> None:
+    """Write ``phi [position, velocity] + gamma control`` for each row.
+
+    The sums are evaluated in one fixed order, row by row, so the result of a row is bit-identical in a batch of any
+    size; this is not the case for a BLAS product. The outputs may be the inputs themselves (the step is then done in
+    place).
+
+    Args:
+        position: Positions [m], Hill frame, shape (R, 3).
+        velocity: Velocities [m/s], Hill frame, shape (R, 3).
+        control: Thrusts held over the step [N], shape (R, 3).
+        phi: Transition matrix, shape (6, 6); see `safe_inspect.dynamics.cwh.transition`.
+        gamma: Input matrix, shape (6, 3).
+        position_out: Output: the positions after the step [m], shape (R, 3).
+        velocity_out: Output: the velocities after the step [m/s], shape (R, 3).
+    """
+    for row in range(position.shape[0]):
+        u = control[row]
+        after = cwh_row(phi, gamma, row_state(position[row], velocity[row]), u[0], u[1], u[2])
+        for j in range(3):
+            position_out[row, j] = after[j]
+            velocity_out[row, j] = after[3 + j]

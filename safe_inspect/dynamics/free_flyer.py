@@ -9,8 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 from safe_inspect.compiling import Kernel, njit
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.base import Dynamics
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.dynamics.cwh import cwh_row, transition
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import NonNegativeAngularRate, NonNegativeDuration, PositiveMomentOfInertia

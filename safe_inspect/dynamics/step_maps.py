@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.dynamics.cwh import cwh_row, transition
 from safe_inspect.types import FloatArray
 
 

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.group import AgentGroup
-from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import Transition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import View
+from safe_inspect.simulators import State, View
 from safe_inspect.types import AnyArray, IntArray
-
-if TYPE_CHECKING:
-    from safe_inspect.simulators.simulation import Simulation
 
 
 class BatchedEnvironment:
@@ -32,6 +25,13 @@ class BatchedEnvironment:
         first_slot: Global index of the first environment slot. Environments with the same seed and slot produce the
             same episodes, whatever batch they are part of.
 
+    Attributes:
+        agents: The group of the controlled agents.
+        num_envs: Number of environments, N.
+        simulation: The simulation.
+        observation_layout: Layout of the observation of one agent.
+        action_layout: Layout of the action of one agent.
+
     Raises:
         ValueError: The controlled agents do not form one group.
     """
@@ -44,29 +44,10 @@ class BatchedEnvironment:
         if len(acting) != 1:
             names = ", ".join(group.name for group in acting) or "none"
             raise ValueError(f"all controlled agents must be equal; these differ: {names}; use TeamEnvironment")
+        self.spec, self.num_envs, self.simulation = spec, num_envs, self.team.simulation
         self.agents: AgentGroup = acting[0]
-        self.spec = spec
+        self.observation_layout, self.action_layout = self.agents.observation_layout, self.agents.action_layout
         (self._index,) = self.team.acting_indices
-
-    @property
-    def observation_layout(self) -> Layout:
-        """Layout of the observation of one agent."""
-        return self.agents.observation_layout
-
-    @property
-    def action_layout(self) -> Layout:
-        """Layout of the action of one agent."""
-        return self.agents.action_layout
-
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation."""
-        return self.team.simulation
-
-    @property
-    def num_envs(self) -> int:
-        """Number of environments, N."""
-        return self.team.num_envs
 
     @property
     def state(self) -> State:

@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.environments.episodes import transition_info
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
-from safe_inspect.simulators.simulation import Paused
+from safe_inspect.simulators.simulator import Paused
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Info names of the number of control steps of a decision and of the discount after it; prefix of the reward terms.
@@ -66,7 +66,7 @@ def decide(
         found = [transition.groups[index] for index in environment.acting_indices]
         return Decided(found, [transition_info(group, transition.filtered) for group in found], transition.over)
     flights = _Flights(environment, actions, np.ones(count, dtype=np.bool_) if resting is None else ~resting)
-    flights.divisible = follow is None and environment.simulation.divisible
+    flights.divisible &= follow is None
     elapsed, discount = np.zeros(count, dtype=np.int64), np.ones(count)
     decided: Decided | None = None
     observes_coasting, environment.observes_coasting = environment.observes_coasting, False
@@ -77,7 +77,8 @@ def decide(
                 follow(flights.running)
             flown = flights.rows[flights.running]
             if decided is None:
-                infos = [_copies(transition_info(group, transition.filtered)) for group in found]
+                kept = [transition_info(group, transition.filtered) for group in found]
+                infos = [{name: np.array(array) for name, array in info.items()} for info in kept]
                 decided = Decided(found, infos, transition.over.copy())
                 for group in found:
                     for value in (group.reward, *group.terms.values()):
@@ -102,8 +103,50 @@ def decide(
     return decided
 
 
-class _Flights:
-    """The environments that are still being stepped, in the whole batch or in a smaller part of it.
+class FlyingRows:
+    """The environments of a batch that are being stepped, in the whole batch or in a smaller part of it.
+
+    Args:
+        whole: The whole batch.
+
+    Attributes:
+        part: The batch that is stepped, of R rows.
+        rows: Indices of its rows in the whole batch, shape (R,).
+        divisible: Whether smaller parts may be made.
+    """
+
+    def __init__(self, whole: TeamEnvironment) -> None:
+        self._whole, self.part = whole, whole
+        self.rows: IntArray = np.arange(whole.num_envs)
+        self.divisible = whole.simulation.divisible
+
+    def go_on(self, running: BoolArray) -> IntArray | None:
+        """Continue in a smaller part if at most half of the rows are running, a mask of shape (R,).
+
+        Returns:
+            Indices, among the rows stepped before, of those that are stepped from now on: first all that are running,
+                then some that fill the part. None if nothing changes.
+        """
+        count, size = int(np.count_nonzero(running)), _LEAST_ROWS
+        while size < count:
+            size *= 2
+        if not self.divisible or not count or size >= len(running):
+            return None
+        chosen = np.concatenate((np.flatnonzero(running), np.flatnonzero(~running)[: size - count]))
+        paused = self.part.simulation.pause(chosen)
+        self._leave()
+        self.part, self.rows = self._whole.part(size), self.rows[chosen]
+        self._members = self.rows[:count]
+        self.part.simulation.enter(self._whole.simulation, paused, self.rows)
+        return chosen
+
+    def _leave(self) -> None:
+        if self.part is not self._whole:
+            self.part.simulation.leave(self._whole.simulation, self._members)
+
+
+class _Flights(FlyingRows):
+    """The environments whose decisions have not elapsed.
 
     Args:
         whole: The whole batch.
@@ -111,17 +154,12 @@ class _Flights:
         running: Mask of the environments to step, shape (N,).
 
     Attributes:
-        part: The batch that is stepped, of R rows.
-        rows: Indices of its rows in the whole batch, shape (R,).
         running: Mask of the rows whose decisions have not elapsed, shape (R,).
-        divisible: Whether smaller parts may be made.
     """
 
     def __init__(self, whole: TeamEnvironment, actions: Sequence[AnyArray], running: BoolArray) -> None:
-        self._whole, self._given = whole, actions
-        self.part, self._actions, self.running = whole, actions, running.copy()
-        self.rows: IntArray = np.arange(whole.num_envs)
-        self.divisible = False
+        super().__init__(whole)
+        self._given, self._actions, self.running = actions, actions, running.copy()
         self._paused: list[Paused] = []
         if not running.all():
             self._paused.append(whole.simulation.pause(np.flatnonzero(~running)))
@@ -140,7 +178,7 @@ class _Flights:
             flying = group.active & ~group.done
             settled |= (group.done | (flying & again)).any(axis=1)
         settled &= self.running
-        self.part.observe_missing(transition, settled)
+        self.part.observe_missing(transition.groups, settled)
         return transition, found, settled
 
     def stop(self, settled: BoolArray) -> None:
@@ -150,26 +188,9 @@ class _Flights:
         if settled.any() and (count or self.part is not self._whole):
             paused = self.part.simulation.pause(np.flatnonzero(settled))
             self._paused.append(paused._replace(rows=self.rows[settled]))
-        size = _LEAST_ROWS
-        while size < count:
-            size *= 2
-        if self.divisible and count > 0 and size < len(self.running):
-            self._go_on(size, count)
-
-    def _go_on(self, size: int, count: int) -> None:
-        """Move the running environments, and some waiting ones that fill the rows, to a part of another size."""
-        waiting = np.flatnonzero(~self.running)[: size - count]
-        chosen = np.concatenate((np.flatnonzero(self.running), waiting))
-        paused = self.part.simulation.pause(chosen)
-        self._leave()
-        self.part, self.rows = self._whole.part(size), self.rows[chosen]
-        self._members, self.running = self.rows[:count], np.arange(size) < count
-        self.part.simulation.enter(self._whole.simulation, paused, self.rows)
-        self._actions = [action[self.rows] for action in self._given]
-
-    def _leave(self) -> None:
-        if self.part is not self._whole:
-            self.part.simulation.leave(self._whole.simulation, self._members)
+        if self.go_on(self.running) is not None:
+            self.running = np.arange(len(self.rows)) < count
+            self._actions = [action[self.rows] for action in self._given]
 
     def land(self) -> None:
         """Write the states of all environments into the whole batch, each as it was when the environment stopped."""
@@ -177,10 +198,6 @@ class _Flights:
         self._leave()
         for each in self._paused:
             self._whole.simulation.unpause(each)
-
-
-def _copies(info: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    return {name: np.array(array) for name, array in info.items()}
 
 
 def _add(decided: Decided, found: list[Transition], rows: IntArray, running: BoolArray, weights: AnyArray) -> None:

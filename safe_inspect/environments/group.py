@@ -145,9 +145,8 @@ class AgentGroup:
         if self.group.decides:
             coasting = ~self.due(view.writable)
             action = np.where(coasting[:, :, None], self._idle, action)
-        elif self.fused is not None and (found := self.fused.command(action)) is not None:
-            commanded: tuple[FloatArray, FloatArray] = found
-            return commanded
+        elif (found := self.thrusters.clipped(action, layout.low, layout.high)) is not None:
+            return found
         action = action.reshape(view.num_rows, layout.size)
         if not all_finite(action):
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
@@ -233,32 +232,25 @@ class AgentGroup:
 
     def evaluate_step(self, step: Step) -> StepOutcome:
         """Return the result of a step by calling every plugin in Python."""
-        after, before = step.after, step.before
+        after, before, rows = step.after, step.before, step.after.num_rows
         observation = self.observe(after)
-        reward, terms = self.rewards(step)
-        terminated, truncated, status, fired = self.ends(step)
+        values, status = np.zeros((1 + len(self.agent.rewards), rows)), np.zeros(rows, dtype=np.int8)
+        flags = np.zeros((2 + len(self.dones), rows), dtype=np.bool_)
+        for named, value in zip(self.agent.rewards, values[1:], strict=True):
+            value[:] = self.term(named, step)
+            values[0] += value
+        if not all_finite(values[0]):
+            for named, value in zip(self.agent.rewards, values[1:], strict=True):
+                require_finite(f"reward {named.name}", value, after.state, before.state)
+        for done, fired in zip(self.dones, flags[2:], strict=True):
+            fired[:] = self.fires(done, step)
+            status[fired] = done.functor.status
+            flags[int(done.functor.truncates)] |= fired
+        flags[1] &= ~flags[0]
         self.check_unobserved(after, before.state)
-        values = np.stack([reward, *terms.values()])
-        flags = np.stack([terminated, truncated, *fired.values()])
         out = before.finished != 0
-        if np.count_nonzero(out):
-            values[:, out] = 0.0
-            flags[:, out] = False
-            status[out] = before.finished[out]
+        values[:, out], flags[:, out], status[out] = 0.0, False, before.finished[out]
         return StepOutcome(observation, values, flags, status, bool(np.count_nonzero(status)))
-
-    def rewards(self, step: Step) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Return the sum of the reward terms, shape (R,), and each term by name, shape (R,)."""
-        rows = step.after.num_rows
-        terms: dict[str, FloatArray] = {}
-        reward = np.zeros(rows)
-        for named in self.agent.rewards:
-            terms[named.name] = self.term(named, step).copy()  # it may be an array of the state
-            reward += terms[named.name]
-        if not all_finite(reward):
-            for name, value in terms.items():
-                require_finite(f"reward {name}", value, step.after.state, step.before.state)
-        return reward, terms
 
     def term(self, named: Named[Reward], step: Step) -> FloatArray:
         """Return a reward term after a check of its shape, (R,)."""
@@ -271,21 +263,6 @@ class AgentGroup:
         done = np.asarray(named.functor(step), dtype=np.bool_)
         require_shape(f"done {named.name}", done, (step.after.num_rows,))
         return done
-
-    def ends(self, step: Step) -> tuple[BoolArray, BoolArray, AnyArray, dict[str, BoolArray]]:
-        """Return terminated, truncated and status, each of shape (R,), and the result of each done function by name."""
-        rows = step.after.num_rows
-        terminated, truncated = np.zeros(rows, dtype=np.bool_), np.zeros(rows, dtype=np.bool_)
-        status = np.zeros(rows, dtype=np.int8)
-        fired = {}
-        for named in self.dones:
-            done = fired[named.name] = self.fires(named, step)
-            if np.count_nonzero(done):  # several times as fast as `any` on a small array
-                status[done] = named.functor.status
-                ended = truncated if named.functor.truncates else terminated
-                ended |= done
-                truncated &= ~terminated
-        return terminated, truncated, status, fired
 
     def check_unobserved(self, after: View, before: State) -> None:
         """Raise an error when a sensor that only rewards and dones read gave NaN, which silently compares as false."""

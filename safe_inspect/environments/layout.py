@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from safe_inspect.config.spec import AgentSpec
+from safe_inspect.glues.actions import CoastGlue
 from safe_inspect.glues.base import Glue
-from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.types import FloatArray
 
 

@@ -6,14 +6,11 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from gymnasium.vector import AutoresetMode
-
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.facades.arguments import check_keywords, checked_overrides
+from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
-from safe_inspect.environments.facades.single import InspectionEnv
-from safe_inspect.environments.facades.vector import InspectionVectorEnv
 
 if TYPE_CHECKING:
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv
@@ -44,34 +41,24 @@ def make(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: A
 
 
 def make_vec(
-    cfg: str | os.PathLike[str],
-    num_envs: int = 1,
-    overrides: Iterable[str] = (),
-    *,
-    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    **kwargs: Any,
+    cfg: str | os.PathLike[str], num_envs: int = 1, overrides: Iterable[str] = (), **kwargs: Any
 ) -> InspectionVectorEnv:
     """Make N environments that step together; see `InspectionVectorEnv`."""
     check_keywords(InspectionVectorEnv, kwargs, cfg, overrides)
-    return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)
+    return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, **kwargs)
 
 
 def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionParallelEnv:
     """Make one PettingZoo environment with any number of agents; see `InspectionParallelEnv`."""
-    from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # the only one that needs PettingZoo
+    from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # PettingZoo takes half a second
 
     check_keywords(InspectionParallelEnv, kwargs, cfg, overrides)
     return InspectionParallelEnv(load_spec(cfg, overrides), **kwargs)
 
 
 def make_parallel_vec(
-    cfg: str | os.PathLike[str],
-    num_envs: int = 1,
-    overrides: Iterable[str] = (),
-    *,
-    autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
-    **kwargs: Any,
+    cfg: str | os.PathLike[str], num_envs: int = 1, overrides: Iterable[str] = (), **kwargs: Any
 ) -> MultiAgentVectorEnv:
     """Make N environments, with any number of agents, that step together; see `MultiAgentVectorEnv`."""
     check_keywords(MultiAgentVectorEnv, kwargs, cfg, overrides)
-    return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, autoreset_mode=autoreset_mode, **kwargs)
+    return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, **kwargs)

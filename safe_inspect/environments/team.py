@@ -10,13 +10,19 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.finite_checks import checked_seed, require_finite, require_shape
+from safe_inspect.environments.finite_checks import (
+    checked_seed,
+    names_writers,
+    replaced,
+    require_finite,
+    require_shape,
+    with_backup,
+)
 from safe_inspect.environments.group import AgentGroup, group_agents
-from safe_inspect.environments.invalid_actions import replaced, with_backup
 from safe_inspect.environments.transition import TeamTransition, Transition
-from safe_inspect.environments.writers import names_writers
-from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.simulators.arrays import read_only
+from safe_inspect.simulators.simulator import Simulation
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamStep, TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, Step, View
@@ -61,7 +67,9 @@ class TeamEnvironment:
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
         self.acting_indices = [self.groups.index(group) for group in self.acting]
         self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
-        self.simulation = spec.simulator(
+        self.simulation = Simulation(
+            *spec.simulator(),
+            decimation=spec.simulator.decimation,
             masses={agent.platform: spec.platforms[agent.platform].mass for agent in spec.agents},
             groups=tuple(group.group for group in self.groups),
             reset=spec.reset,
@@ -288,8 +296,7 @@ class TeamEnvironment:
             )
         if self.spec.shared_dones and self._share(transitions, active, fired):
             ended = True
-            for group, transition in zip(self.groups, transitions, strict=True):  # a shared done may end a coast
-                self._observe_missing(group, transition, transition.done)
+            self.observe_missing(transitions)  # a shared done may end a coast
         if ended:
             finished = simulation.state.finished
             finished[...] = self._statuses(transitions)
@@ -314,20 +321,21 @@ class TeamEnvironment:
             part.observes_coasting = False
         return self._parts[size]
 
-    def observe_missing(self, transition: TeamTransition, rows: BoolArray) -> None:
-        """Compute the observations that the last step has left out in a mask of environments, shape (N,)."""
-        for group, found in zip(self.groups, transition.groups, strict=True):
-            self._observe_missing(group, found, rows[:, None])
+    def observe_missing(self, transitions: Sequence[Transition], rows: BoolArray | None = None) -> None:
+        """Compute the observations that the last step has left out.
 
-    @staticmethod
-    def _observe_missing(group: AgentGroup, transition: Transition, wanted: BoolArray) -> None:
-        """Compute the observations that a step has left out for some agents, a mask of shape (N, G)."""
-        missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
-        if group.fused is not None and missing.any():
-            view = transition.step.after
-            found = group.fused.observe(view, missing)
-            found = group.observe(view).reshape(len(missing), -1) if found is None else found
-            transition.observation.reshape(found.shape)[missing] = found[missing]
+        Args:
+            transitions: The transitions of all groups.
+            rows: Mask of the environments in which they are computed, shape (N,). Default: for agents that have ended.
+        """
+        for group, transition in zip(self.groups, transitions, strict=True):
+            wanted = transition.done if rows is None else rows[:, None]
+            missing = (wanted & np.isnan(transition.observation).any(axis=2)).reshape(-1)
+            if group.fused is not None and missing.any():
+                view = transition.step.after
+                found = group.fused.observe(view, missing)
+                found = group.observe(view).reshape(len(missing), -1) if found is None else found
+                transition.observation.reshape(found.shape)[missing] = found[missing]
 
     @staticmethod
     def _statuses(transitions: list[Transition]) -> AnyArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 

@@ -87,20 +87,20 @@ def complete(
         if progress is not None:
             progress(len(done), episodes)
         done += _fly(spec, record, min(size, episodes - len(done)), len(done))
-        if part is not None:
-            _write(record.of(tuple(done)), part)
+        _write(record.of(tuple(done)), part)
     if progress is not None:
         progress(episodes, episodes)
     finished = record.of(tuple(done))
-    if path is not None and part is not None:
-        _write(finished, path)
+    _write(finished, path)
+    if part is not None:
         part.unlink(missing_ok=True)
     return finished
 
 
-def _write(record: Record, path: Path) -> None:
+def _write(record: Record, path: Path | None) -> None:
     try:
-        write_record(record, path)
+        if path is not None:
+            write_record(record, path)
     except OutputError as error:
         raise UnwrittenRecordError(str(error), record) from None
 

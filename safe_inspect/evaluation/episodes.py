@@ -90,10 +90,7 @@ class Trajectory:
     @property
     def coverage(self) -> FloatArray:
         """Fraction of the points inspected so far [-], shape (T + 1,); NaN where there are no points."""
-        if not len(self.points):
-            return np.full(len(self.time), np.nan)
-        when = np.sort(self.inspected_at)
-        return np.searchsorted(when, self.time, side="right") / len(when)
+        return self._inspected_share(self.inspected_at)
 
     def coverage_of(self, deputy: int) -> FloatArray:
         """Return the fraction of the points that a deputy was the first to inspect so far [-], shape (T + 1,).
@@ -101,8 +98,12 @@ class Trajectory:
         Args:
             deputy: Index of the deputy.
         """
-        when = np.sort(np.where(self.inspector == deputy, self.inspected_at, np.inf))
-        return np.searchsorted(when, self.time, side="right") / len(when)
+        return self._inspected_share(np.where(self.inspector == deputy, self.inspected_at, np.inf))
+
+    def _inspected_share(self, when: FloatArray) -> FloatArray:
+        if not len(when):
+            return np.full(len(self.time), np.nan)
+        return np.searchsorted(np.sort(when), self.time, side="right") / len(when)
 
     def until(self, time: float) -> Trajectory:
         """Return the episode up to a time since its reset [s]; its status is RUNNING if it is cut before its end."""
@@ -196,9 +197,9 @@ class AgentEpisodes(_Informed):
     metrics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def figures(self, labels: _Labels) -> dict[str, FloatArray]:
-        """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
+        """Return all figures by label, each of shape (E,)."""
         usual = {"delta-v": self.delta_v, "length": self.length.astype(np.float64)}
-        return {"return": self.returns, **self.labelled(labels), **usual}
+        return {"return": self.returns, **self.labelled(labels), **usual, **_terms(self.terms), **self.metrics}
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,13 +266,28 @@ class Episodes(_Informed):
     def __len__(self) -> int:
         return len(self.returns)
 
-    def figures(self) -> dict[str, FloatArray]:
-        """Return the standard figures by label, without terms and metrics, each of shape (E,)."""
+    def figures(self, reference: FloatArray | None = None) -> dict[str, FloatArray]:
+        """Return all figures by label, each of shape (E,).
+
+        Args:
+            reference: Delta-v of the open-loop optimum of every episode [m/s], NaN where there is none, shape (E,).
+        """
         spent = "delta-v per deputy" if len(self.agents) > 1 else "delta-v"
         usual = {spent: self.delta_v, "length": self.length.astype(np.float64)}
         if self.closest is not None:
             usual["closest deputies"] = self.closest
-        return {"return": self.returns, **self.labelled(self.labels), **usual}
+        if reference is not None:
+            usual[GAP] = self.delta_v - reference
+        return {"return": self.returns, **self.labelled(self.labels), **usual, **_terms(self.terms), **self.metrics}
+
+
+def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {f"reward/{name}": values for name, values in terms.items()}
+
+
+def starting(start: str, figures: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return the figures whose names have a prefix, by the rest of their names."""
+    return {name.removeprefix(start): values for name, values in figures.items() if name.startswith(start)}
 
 
 def join(parts: Sequence[_T]) -> _T:

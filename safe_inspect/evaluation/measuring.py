@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.finite_checks import names_writers
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
-from safe_inspect.environments.writers import names_writers
-from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError, not_named
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step
@@ -45,26 +45,24 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
         if not isinstance(metric, BaseMetric):
             raise ArgumentError(f"a metric must be an object such as InspectedPoints(), got {metric!r:.60}")
     labels = [metric.label for metric in metrics]
-    for label in labels:
+    for metric, label in zip(metrics, labels, strict=True):
+        if not isinstance(metric, (Metric, TeamMetric)):
+            raise SafeInspectError(
+                f"the metric {metric.registered_name} extends neither Metric nor TeamMetric; derive it from one of them"
+            )
         if "/" in label:
             raise SafeInspectError(
                 f"the label {label!r} of a metric has a slash, which is reserved for columns of files; leave it out"
             )
         if labels.count(label) > 1:
             raise SafeInspectError(f"two metrics have the label {label!r}; remove one, or use a class with another")
-    for metric in metrics:
-        if not isinstance(metric, (Metric, TeamMetric)):
-            raise SafeInspectError(
-                f"the metric {metric.registered_name} extends neither Metric nor TeamMetric; derive it from one of them"
-            )
         for agent in spec.agents:
             known = spec.names(agent)
             for field, kind in metric.references().items():
                 value = getattr(metric, field)
                 if value is not None and value not in known[kind]:
                     raise SafeInspectError(
-                        f"the `{field}` of the metric {metric.registered_name}: this task has no {kind} {value!r}; "
-                        f"{did_you_mean(value, known[kind])}"
+                        f"the `{field}` of the metric {metric.registered_name}: {not_named(kind, value, known[kind])}"
                     )
 
 
@@ -79,9 +77,8 @@ class MetricAccumulator:
     def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
         self._environment = environment
         rows, deputies = environment.num_envs, len(environment.agents)
-        self._labels = [metric.label for metric in metrics]
-        self._own = [_Values(own, rows, deputies) for own in _by_reduce(metrics, Metric)]
-        self._team = [_Values(own, rows, 1) for own in _by_reduce(metrics, TeamMetric)]
+        self._own = [_Values(metric, rows, deputies) for metric in metrics if isinstance(metric, Metric)]
+        self._team = [_Values(metric, rows, 1) for metric in metrics if isinstance(metric, TeamMetric)]
 
     def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
         """Continue with some of the current environments; see `EpisodeCollector.go_on`."""
@@ -110,42 +107,38 @@ class MetricAccumulator:
 
     def of_agent(self, deputy: int) -> dict[str, FloatArray]:
         """Return the metrics of an agent, given its index among all agents, each of shape (N,)."""
-        found = {metric.label: value[:, deputy] for values in self._own for metric, value in values.results()}
-        return {label: found[label] for label in self._labels if label in found}
+        return {values.metric.label: values.reduced[:, deputy] for values in self._own}
 
     def of_team(self) -> dict[str, FloatArray]:
         """Return the metrics of the environments, and those of the agents combined, each of shape (N,)."""
-        own, team = {}, {metric.label: value[:, 0] for values in self._team for metric, value in values.results()}
-        for metric, value in (item for values in self._own for item in values.results()):
-            own[metric.label] = np.full(len(value), np.nan)
-            some = ~np.isnan(value).all(axis=1)
-            own[metric.label][some] = _TOGETHER[metric.team_reduce](value[some], axis=1)
-        return {label: found[label] for found in (own, team) for label in self._labels if label in found}
-
-
-def _by_reduce(metrics: Sequence[BaseMetric], kind: type[BaseMetric]) -> list[list[BaseMetric]]:
-    """Return the metrics of a kind, grouped by their reduction."""
-    found: dict[Reduce, list[BaseMetric]] = {}
-    for metric in metrics:
-        if isinstance(metric, kind):
-            found.setdefault(metric.reduce, []).append(metric)
-    return list(found.values())
+        found = {}
+        for values in self._own:
+            value = values.reduced
+            some, combined = ~np.isnan(value).all(axis=1), np.full(len(value), np.nan)
+            combined[some] = _TOGETHER[values.metric.team_reduce](value[some], axis=1)
+            found[values.metric.label] = combined
+        return found | {values.metric.label: values.reduced[:, 0] for values in self._team}
 
 
 class _Values:
-    """Reduced values of M metrics with the same reduction; NaN where there was no value.
+    """Reduced values of a metric; NaN where there was no value.
 
     Args:
-        metrics: The metrics.
+        metric: The metric.
         rows: Number of environments, N.
-        columns: Number of deputies, or 1 for metrics of whole environments, D.
+        columns: Number of deputies, or 1 for a metric of whole environments, D.
     """
 
-    def __init__(self, metrics: Sequence[BaseMetric], rows: int, columns: int) -> None:
-        self._metrics, self._reduce = metrics, metrics[0].reduce
-        self._kept: FloatArray = np.full((len(metrics), rows, columns), np.nan)
-        self._count: IntArray = np.zeros((len(metrics), rows, columns), dtype=np.int64)
+    def __init__(self, metric: Metric | TeamMetric, rows: int, columns: int) -> None:
+        self.metric = metric
+        self._kept: FloatArray = np.full((rows, columns), np.nan)
+        self._count: IntArray = np.zeros((rows, columns), dtype=np.int64)
         self._rows: IntArray = np.arange(rows)
+
+    @property
+    def reduced(self) -> FloatArray:
+        """The reduced values so far, shape (N, D)."""
+        return self._kept / np.maximum(self._count, 1) if self.metric.reduce == "mean" else self._kept
 
     def go_on(self, chosen: IntArray) -> None:
         """Continue with some of the environments; see `EpisodeCollector.go_on`."""
@@ -157,36 +150,26 @@ class _Values:
         Raises:
             PluginValueError: A value is infinite, or has a wrong shape.
         """
-        value = np.empty((len(self._metrics), *counts.shape))
-        for index, metric in enumerate(self._metrics):
-            value[index] = _checked(metric, metric(step), counts.shape)  # type: ignore[operator]
-        place = (slice(None), self._rows, columns)
+        value = _checked(self.metric, self.metric(step), counts.shape)
+        place = (self._rows, columns)
         kept, counts = self._kept[place], counts & ~np.isnan(value)
-        both = _COMBINED[self._reduce](kept, value)
+        both = _COMBINED[self.metric.reduce](kept, value)
         self._kept[place] = np.where(counts, np.where(np.isnan(kept), value, both), kept)
         self._count[place] += counts
 
     def conclude(self, columns: slice, step: Step, ends: BoolArray) -> None:
-        """Let metrics replace the values of the episodes that end with a step, given by a mask of shape (N, G).
+        """Let the metric replace the values of the episodes that end with a step, given by a mask of shape (N, G).
 
         Raises:
             PluginValueError: A value is infinite, or has a wrong shape.
         """
-        for index, metric in enumerate(self._metrics):
-            if not isinstance(metric, Metric) or type(metric).conclude is Metric.conclude:
-                continue
-            place = (index, self._rows, columns)
-            value = _checked(metric, metric.conclude(self._values()[place].reshape(-1), step), ends.shape)
-            if self._reduce == "mean":
-                value = value * self._count[place]
-            self._kept[place] = np.where(ends, value, self._kept[place])
-
-    def results(self) -> list[tuple[BaseMetric, FloatArray]]:
-        """Return the reduced values of each metric so far, each of shape (N, D)."""
-        return list(zip(self._metrics, self._values(), strict=True))
-
-    def _values(self) -> FloatArray:
-        return self._kept / np.maximum(self._count, 1) if self._reduce == "mean" else self._kept
+        if not isinstance(self.metric, Metric) or type(self.metric).conclude is Metric.conclude:
+            return
+        place = (self._rows, columns)
+        value = _checked(self.metric, self.metric.conclude(self.reduced[place].reshape(-1), step), ends.shape)
+        if self.metric.reduce == "mean":
+            value = value * self._count[place]
+        self._kept[place] = np.where(ends, value, self._kept[place])
 
 
 def _checked(metric: BaseMetric, value: AnyArray, shape: tuple[int, ...]) -> FloatArray:

@@ -19,7 +19,7 @@ from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.plugins.functor import describe
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig, build_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.scenario import mission_streams
+from safe_inspect.rendezvous.missions.scenario import initial_tumbles, mission_streams
 from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 
 #: Name of the agent.
@@ -73,7 +73,7 @@ def mission_episode(config: RendezvousConfig, number: int, summary: Mapping[str,
         number: Number of the mission.
         summary: Its summary, see `safe_inspect.rendezvous.missions.summary.summarise_mission`.
     """
-    orientation, angular_velocity = config.tumble(mission_streams(config, number))
+    orientation, angular_velocity = initial_tumbles(config, mission_streams(config, number))
     given = {name: summary.get(name) for name in MISSION_FIGURES}
     info = {name: np.array([np.nan if value is None else value], np.float64) for name, value in given.items()}
     length = np.array([round(summary["time"] / config.mission.step)])
@@ -89,8 +89,8 @@ def mission_episode(config: RendezvousConfig, number: int, summary: Mapping[str,
         initial_states={
             "position": np.array(config.chaser.position)[None, None],
             "velocity": np.array(config.chaser.velocity)[None, None],
-            "target_orientation": orientation[None],
-            "target_angular_velocity": angular_velocity[None],
+            "target_orientation": orientation,
+            "target_angular_velocity": angular_velocity,
         },
         causes=np.array(["" if summary["success"] else summary["cause"]]),
     )

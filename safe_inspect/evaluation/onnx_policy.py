@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,16 +16,17 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_file import (
+    CONTROL_STEPS,
     NEXT_STATE,
     POLICY_FORMAT,
     RECURRENT_FORMAT,
     PolicyInfo,
     check_layout,
+    element_columns,
+    raw_task,
     read_file,
 )
-from safe_inspect.evaluation.raw_values import CONTROL_STEPS, element_columns, raw_task
-from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, Hurdle, draw_choices, draw_in_rollout
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Batches are padded to a multiple of this many rows, so that a row's result does not depend on the batch size.
@@ -71,11 +72,6 @@ class OnnxPolicy:
         self._coasts = bool(info.action) and info.action[-1].unit == CONTROL_STEPS
         self._distribution = self._distribution_of()
 
-    @property
-    def configuration(self) -> Mapping[str, Any]:
-        """The resolved experiment with which the policy was trained."""
-        return self.info.configuration
-
     def task(self, overrides: Iterable[str] = ()) -> EnvironmentSpec:
         """Return the task in which the policy was trained, before `prepare`.
 
@@ -85,7 +81,7 @@ class OnnxPolicy:
         Raises:
             ConfigError: A plugin of the task is missing, or an override is wrong.
         """
-        return build_experiment(apply_overrides(LocatedDict(self.configuration), overrides), self.path).spec
+        return build_experiment(apply_overrides(LocatedDict(self.info.configuration), overrides), self.path).spec
 
     def prepare(self, spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
         """Return the task with observations and actions in SI units, which the policy requires.

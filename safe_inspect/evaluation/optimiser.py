@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dones.range import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.limits import EpisodeLengthDone
+from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
-from safe_inspect.dones.time_limit import EpisodeLengthDone
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
@@ -24,8 +24,7 @@ from safe_inspect.planning.coverage_problem import (
     lit_from_all_sides,
     sight_range,
 )
-from safe_inspect.planning.coverage_search import SearchEffort, search_plan
-from safe_inspect.planning.descent import MAX_BURNS
+from safe_inspect.planning.coverage_search import MAX_BURNS, SearchEffort, search_plan
 from safe_inspect.planning.record import Burn, Entry, FlightPlan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan

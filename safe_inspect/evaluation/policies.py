@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.messages.messages import functor_mistakes
+from safe_inspect.config.messages.report import functor_mistakes
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.environments.finite_checks import all_finite
+from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean, not_named
 from safe_inspect.plugins.functor import build
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Maps observations (float32, shape (R, O)) to actions (shape (R, A)). A policy that controls K agents in N
 #: environments gets R = N * K rows, ordered by environment. A policy that keeps a state between steps has a method
@@ -45,18 +46,12 @@ class Flight:
         slots: Global index of the environment slot of each row, shape (R,).
         observation: Layout of the observation.
         action: Layout of the action.
-        step_size: Length of a step [s].
-        mean_motion: Mean motion of the chief's orbit [rad/s].
-        masses: Mass of each deputy [kg], shape (D,).
         deputies: Index of the deputy of each row, shape (R,).
     """
 
     slots: IntArray
     observation: Layout
     action: Layout
-    step_size: float
-    mean_motion: float
-    masses: FloatArray
     deputies: IntArray
 
 
@@ -115,10 +110,10 @@ def with_scripted(
         if name not in names:
             raise SafeInspectError(f"no agent is named {name!r}; {did_you_mean(name, names)}")
     known = world_names(spec.platforms, spec.reset, spec.simulator)
-    for field, kind in plugin.references().items():
-        value = getattr(plugin, field)
+    for name, kind in plugin.references().items():
+        value = getattr(plugin, name)
         if value is not None and value not in known.get(kind, {value}):
-            raise SafeInspectError(f"the `{field}` of {plugin.registered_name}: {not_named(kind, value, known[kind])}")
+            raise SafeInspectError(f"the `{name}` of {plugin.registered_name}: {not_named(kind, value, known[kind])}")
     flown = tuple(replace(agent, scripted_policy=plugin) if agent.name in chosen else agent for agent in spec.agents)
     return replace(spec, agents=flown)
 
@@ -168,13 +163,16 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
     return spec, flying
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Assignment:
-    """A policy and the agents that it controls, each as (index of the acting group, index in the group)."""
+    """A policy and the agents that it controls, each as (index of the acting group, index in the group).
+
+    The observation and the action of all of them are those of `group`.
+    """
 
     policy: Any
-    agents: tuple[tuple[int, int], ...]
-    action_size: int
+    group: AgentGroup
+    agents: list[tuple[int, int]] = field(default_factory=list)
 
 
 class PolicyDispatcher:
@@ -194,30 +192,23 @@ class PolicyDispatcher:
 
     def __init__(self, environment: TeamEnvironment, flying: Mapping[str, Policy], first_slot: int) -> None:
         self._shapes = [(environment.num_envs, group.size, group.action_layout.size) for group in environment.acting]
-        agents: dict[int, list[tuple[int, int]]] = {}
+        self.selective = all(hasattr(one, "decide") and not getattr(one, "recurrent", False) for one in flying.values())
+        self._assigned: dict[int, _Assignment] = {}
         for index, group in enumerate(environment.acting):
             for member, name in enumerate(group.agents):
-                agents.setdefault(id(flying[name]), []).append((index, member))
-        policies = {id(policy): policy for policy in flying.values()}
-        self._assigned = [self._assignment(environment, policies[key], own) for key, own in agents.items()]
-        self.selective = all(hasattr(one, "decide") and not getattr(one, "recurrent", False) for one in flying.values())
-        for assigned in self._assigned:
+                policy = flying[name]
+                assigned = self._assigned.setdefault(id(policy), _Assignment(policy, group))
+                for what in ("observation_layout", "action_layout"):
+                    if getattr(group, what).names != getattr(assigned.group, what).names:
+                        raise SafeInspectError(
+                            f"one policy controls {assigned.group.agents[0]} and {name}, which have different "
+                            f"{what.partition('_')[0]}s; give each agent a policy"
+                        )
+                assigned.agents.append((index, member))
+        for assigned in self._assigned.values():
             begin = getattr(assigned.policy, "begin", None)
             if begin is not None:
                 begin(_flight(environment, assigned, first_slot))
-
-    @staticmethod
-    def _assignment(environment: TeamEnvironment, policy: Policy, agents: list[tuple[int, int]]) -> _Assignment:
-        first = environment.acting[agents[0][0]]
-        for index, member in agents:
-            group = environment.acting[index]
-            for what in ("observation_layout", "action_layout"):
-                if getattr(group, what).names != getattr(first, what).names:
-                    raise SafeInspectError(
-                        f"one policy controls {first.agents[0]} and {group.agents[member]}, which have different "
-                        f"{what.partition('_')[0]}s; give each agent a policy"
-                    )
-        return _Assignment(policy, tuple(agents), first.action_layout.size)
 
     def __call__(
         self, observations: Sequence[AnyArray], asked: Sequence[BoolArray], rows: IntArray, step: int
@@ -236,7 +227,7 @@ class PolicyDispatcher:
             ValueError: A policy's actions have a wrong shape.
         """
         actions = [np.zeros((len(rows), *shape[1:])) for shape in self._shapes]
-        for assigned in self._assigned:
+        for assigned in self._assigned.values():
             seen = np.stack([observations[index][:, member] for index, member in assigned.agents], axis=1)
             mask = np.stack([asked[index][:, member] for index, member in assigned.agents], axis=1)
             row, place = np.nonzero(mask)
@@ -257,22 +248,18 @@ def _checked(assigned: _Assignment, action: Any, rows: int) -> AnyArray:
     Raises:
         ValueError: The shape is not (rows, A).
     """
-    found, wanted = np.asarray(action), (rows, assigned.action_size)
+    found, wanted = np.asarray(action), (rows, assigned.group.action_layout.size)
     if found.shape != wanted:
         raise ValueError(f"the policy returned actions of shape {found.shape}; expected {wanted}")
     return found
 
 
 def _flight(environment: TeamEnvironment, assigned: _Assignment, first_slot: int) -> Flight:
-    world, count = environment.simulation.world, environment.num_envs
-    group = environment.acting[assigned.agents[0][0]]
+    count = environment.num_envs
     deputies = [environment.acting[index].first + member for index, member in assigned.agents]
     return Flight(
         slots=np.repeat(first_slot + np.arange(count), len(deputies)),
-        observation=group.observation_layout,
-        action=group.action_layout,
-        step_size=world.step_size,
-        mean_motion=world.offers.world.get("mean_motion", 0.0),
-        masses=world.masses,
+        observation=assigned.group.observation_layout,
+        action=assigned.group.action_layout,
         deputies=np.tile(deputies, count),
     )

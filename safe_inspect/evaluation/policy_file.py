@@ -1,8 +1,12 @@
-"""Metadata of a policy's file, the seal that reveals damage, and the comparison of its layout with that of a task.
+"""Files of policies: the elements of observation and action in SI units, the metadata, and the seal.
+
+The elements map sensor readings to the network, and the network to the controllers. An exported policy contains the
+normalisers of its glues. The task in which it runs must therefore have none: `raw_task` switches them off and changes
+nothing else.
 
 The metadata are stored in the ONNX file as texts or JSON, so that any program that reads ONNX can find them. The last
-entry is a hash of all bytes before it; it can be appended because a Protocol Buffers message may be extended by
-appending bytes.
+entry is a hash of all bytes before it, which reveals damage; it can be appended because a Protocol Buffers message may
+be extended by appending bytes.
 
 Checkpoints, ONNX files, frozen policies and exports use the one comparison `check_layout`. It compares the elements
 from the policy's point of view: names and units, how the normalisers transform a reading, what a command means and
@@ -14,23 +18,240 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
 
-from safe_inspect.config.spec import AgentSpec
-from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.raw_values import (
-    CommandedElement,
-    ObservedElement,
-    commanded_elements,
-    observed_elements,
-)
+from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError, did_you_mean
+from safe_inspect.glues.actions import CoastGlue, ControllerGlue, DiscreteControllerGlue
+from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
+from safe_inspect.glues.normalizers import Affine, Normalization, Normalizer
+from safe_inspect.glues.observations import ObserveSensor
+from safe_inspect.platforms.controllers import RateController
+from safe_inspect.plugins.functor import describe
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.types import AnyArray, FloatArray
 from safe_inspect.version import __version__
+
+#: Unit of the element of an action that gives the number of control steps for which the action is held.
+CONTROL_STEPS = "steps"
+
+_OFF = Normalization(enabled=False)
+
+
+@dataclass(frozen=True)
+class ObservedElement:
+    """An element of the observation: the network receives (value - centre) / width.
+
+    Attributes:
+        name: Its name, ``sensor.element``.
+        unit: SI unit of the value; empty for a pure number.
+        centre: The value that the network receives as 0.
+        width: The change of the value that the network receives as 1.
+        plugins: The configuration, as JSON, of a glue or normaliser that is not part of this package; if several agents
+            share a policy, all that occur.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
+
+    name: str
+    unit: str
+    centre: float = 0.0
+    width: float = 1.0
+    plugins: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+@dataclass(frozen=True)
+class CommandedElement:
+    """An element of the action: a controller receives offset + gain * action within [low, high], or one of the levels.
+
+    Attributes:
+        name: Its name, which is the controller's.
+        unit: SI unit of the value.
+        low: Smallest value.
+        high: Largest value.
+        gain: Factor of the action.
+        offset: Value for an action of 0.
+        levels: The values among which the policy chooses; empty if any value is allowed.
+        axis: Axis of Hill's frame along which the value acts, ``x``, ``y`` or ``z``; empty if it is unknown.
+        plugins: The configuration, as JSON, of a glue, normaliser or controller that is not part of this package; if
+            several agents share a policy, all that occur.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    gain: float = 1.0
+    offset: float = 0.0
+    levels: tuple[float, ...] = ()
+    axis: str = ""
+    plugins: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
+    """Return the elements of an agent's observation, in order, with the effect of their normalisers.
+
+    The elements of a glue that is not an `ObserveSensor` are taken unchanged.
+
+    Args:
+        agent: The agent.
+        exportable: Whether to raise an error for a normaliser that is not part of this package; else its configuration
+            is put in `ObservedElement.plugins`.
+
+    Raises:
+        ConfigError: A normaliser is not part of this package.
+    """
+    found: list[ObservedElement] = []
+    for glue in agent.observation_glues:
+        names, symbol = glue.names(agent.parts), ""
+        centre, width, plugins = np.zeros(len(names)), np.ones(len(names)), _configuration(glue)
+        if isinstance(glue, ObserveSensor):
+            sensor = sensor_of(agent.parts, glue.sensor)
+            symbol, (scale, normalizer, low, high) = sensor.symbol, glue.prepared(sensor)
+            if exportable or _is_known(normalizer, low, high):
+                gain, offset = _affine(agent, glue, normalizer, low, high)
+                centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
+        rows = zip(names, centre.tolist(), width.tolist(), strict=True)
+        found += [ObservedElement(name, symbol, at, by, plugins) for name, at, by in rows]
+    return tuple(found)
+
+
+def commanded_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[CommandedElement, ...]:
+    """Return the elements of an agent's action, in order.
+
+    Args:
+        agent: The agent.
+        exportable: See `observed_elements`.
+
+    Raises:
+        ConfigError: A normaliser is not part of this package, or a glue of another package chooses among levels.
+    """
+    return tuple(element for glue in agent.action_glues for element in _commanded(agent, glue, exportable))
+
+
+def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[CommandedElement]:
+    assert isinstance(glue, ActionGlue)
+    if isinstance(glue, SafetyGlue):
+        return [element for inner in glue.wrapped for element in _commanded(agent, inner, exportable)]
+    names = glue.names(agent.parts)
+    if isinstance(glue, CoastGlue):
+        durations = tuple(float(steps) for steps in glue.durations)
+        return [CommandedElement(names[0], CONTROL_STEPS, durations[0], durations[-1], levels=durations)]
+    if isinstance(glue, DiscreteControllerGlue):
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
+        levels = tuple(float(level) for level in glue.levels)
+        limits = float(low[0]), float(high[0])
+        return [CommandedElement(names[0], unit, *limits, levels=levels, axis=axis, plugins=plugins)]
+    if isinstance(glue, ControllerGlue):
+        unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
+        normalizer = glue.normalization.active
+        if exportable or _is_known(normalizer, low, high):
+            gain, offset = _affine(agent, glue, normalizer, low, high)
+            pairs = zip(low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
+            return [
+                CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
+                for name, (least, most, by, at) in zip(names, pairs, strict=True)
+            ]
+    if exportable and any(glue.choices(agent.parts)):
+        raise ConfigError(
+            f"{_title(agent, glue)}: the meaning of its choices is unknown outside the glue; use DiscreteControllerGlue"
+        )
+    low, high = glue.bounds(agent.parts)
+    rows = zip(names, low.tolist(), high.tolist(), strict=True)
+    return [CommandedElement(name, "", least, most, plugins=_configuration(glue)) for name, least, most in rows]
+
+
+def _controller(parts: Parts, name: str) -> tuple[str, str, tuple[str, ...], FloatArray, FloatArray]:
+    """Return unit, axis, configuration and limits of a controller's values.
+
+    The configuration is empty for controllers of this package.
+    """
+    controller = controller_of(parts, name)
+    if isinstance(controller, RateController):
+        return controller.commanded.symbol, "xyz"[controller.axis % 3], (), *controller.limits
+    return "", "", _configuration(controller), *controller.limits
+
+
+def _configuration(plugin: Plugin) -> tuple[str, ...]:
+    return (json.dumps(describe(plugin), sort_keys=True),)
+
+
+def _is_known(normalizer: Normalizer | None, low: FloatArray, high: FloatArray) -> bool:
+    return normalizer is None or normalizer.affine(low, high) is not None
+
+
+def _affine(
+    agent: AgentSpec, glue: Glue, normalizer: Normalizer | None, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gain and offset of a normaliser, normalised = gain * value + offset, each of shape (k,)."""
+    affine = Affine() if normalizer is None else normalizer.affine(low, high)
+    if affine is not None:
+        return np.broadcast_to(affine.gain, low.shape), np.broadcast_to(affine.offset, low.shape)
+    assert normalizer is not None
+    raise ConfigError(
+        f"{_title(agent, glue)}: a file cannot contain the normaliser {normalizer.registered_name}; train with "
+        "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
+    )
+
+
+def _title(agent: AgentSpec, glue: Glue) -> str:
+    return f"{agent.name}, glue {glue.registered_name} ({', '.join(glue.names(agent.parts))})"
+
+
+def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
+    """Return the task with observations and actions in SI units; episodes, seeds and physics stay the same.
+
+    Args:
+        spec: The task.
+        agents: Names of the agents; by default all agents without a scripted policy.
+
+    Raises:
+        SafeInspectError: There is no such agent.
+    """
+    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    chosen = outside if agents is None else list(agents)
+    for name in chosen:
+        if name not in outside:
+            raise SafeInspectError(f"no controlled agent is named {name!r}; {did_you_mean(name, outside)}")
+    return replace(
+        spec,
+        agents=tuple(
+            replace(agent, glues=tuple(_raw(glue) for glue in agent.glues)) if agent.name in chosen else agent
+            for agent in spec.agents
+        ),
+    )
+
+
+def _raw(glue: Glue) -> Glue:
+    if isinstance(glue, ObserveSensor):
+        return ObserveSensor(sensor=glue.sensor, normalization=_OFF)
+    if isinstance(glue, (ControllerGlue, DiscreteControllerGlue)):
+        return ControllerGlue(controller=glue.controller, normalization=_OFF)
+    if isinstance(glue, SafetyGlue):  # a new object, as a copy would keep the glue's cached results
+        fields = {name: getattr(glue, name) for name in type(glue).model_fields}
+        return type(glue)(**{**fields, "wrapped": tuple(_raw(inner) for inner in glue.wrapped)})
+    return glue
+
+
+def element_columns(elements: Iterable[ObservedElement | CommandedElement], field: str) -> AnyArray:
+    """Return one field of all elements, float64, shape (size,)."""
+    return np.array([getattr(element, field) for element in elements], dtype=np.float64)
+
 
 #: Versions of the layout of the metadata; the second is that of recurrent policies. Later versions are not read.
 POLICY_FORMAT, RECURRENT_FORMAT = 1, 2

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
@@ -226,12 +225,12 @@ class Acceptance:
 
     def __str__(self) -> str:
         count = len(self.accepted)
-        width = max(len("constraint"), *map(len, self.refused)) if self.refused else 10
+        width = max(map(len, ("constraint", *self.refused)))
         lines = [
             f"{self.parameter}: {100.0 * self.accepted.mean():.2f} % of {count:,} draws are accepted",
             f"{'constraint':<{width}}  refuses  alone",
         ]
-        total = np.sum(list(self.refused.values()), axis=0) if self.refused else np.zeros(count)
+        total = np.sum(list(self.refused.values()), axis=0)
         for name, rows in self.refused.items():
             alone = rows & (total == 1)
             lines.append(f"{name:<{width}}  {100.0 * rows.mean():6.2f} % {100.0 * alone.mean():6.2f} %")
@@ -263,9 +262,7 @@ def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Ac
             draw = spec.reset.tested(draw)
         if isinstance(parameter, RejectionSampler):
             states, refused = parameter.candidates(draw)
-            accepted = np.ones(draws, dtype=np.bool_)
-            for rows in refused.values():
-                accepted &= ~rows
+            accepted = ~np.any([np.zeros(draws, dtype=np.bool_), *refused.values()], axis=0)
             return Acceptance(name, states, refused, accepted)
         values[name] = parameter(draw)
     raise ConfigError(

@@ -10,9 +10,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from safe_inspect.errors import CheckpointError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
@@ -62,15 +60,6 @@ class ShippedPolicy:
             return {}
         return dict(reversed([(name.strip(), value.strip()) for name, value in rows]))
 
-    @cached_property
-    def configuration(self) -> Mapping[str, Any]:
-        """The resolved experiment with which it was trained.
-
-        Raises:
-            CheckpointError: An ONNX file is missing or damaged.
-        """
-        return next(iter(self.load().values())).configuration
-
     def load(self, sampled: bool | None = None, seed: int = 0) -> dict[str, OnnxPolicy]:
         """Return the policy of each agent, by the agent's name; see `load_onnx`.
 
@@ -106,10 +95,9 @@ def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
     root = _ROOT if root is None else root
     names = shipped_policies(root)
     if name not in names:
-        scripted = (
-            "; it is a scripted policy: give it as a separate argument, without `--policy`" if name in BASELINES else ""
-        )
-        raise SafeInspectError(f"no shipped policy {name!r}{scripted or '; ' + did_you_mean(name, names)}")
+        hint = "it is a scripted policy: give it as a separate argument, without `--policy`"
+        hint = hint if name in BASELINES else did_you_mean(name, names)
+        raise SafeInspectError(f"no shipped policy {name!r}; {hint}")
     record = root / name / RECORD
     try:
         agents = json.loads(record.read_text(encoding="utf-8"))["agents"]

@@ -9,26 +9,14 @@ from typing import Any
 
 from pydantic_core import PydanticCustomError
 
+from safe_inspect import metrics
 from safe_inspect.config.loading.loader import parse
-from safe_inspect.config.messages.messages import functor_mistakes
+from safe_inspect.config.messages.report import functor_mistakes
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
 from safe_inspect.evaluation.episodes import FIGURES
-from safe_inspect.metrics import (
-    BaseMetric,
-    Decisions,
-    DeltaVAfterLastPoint,
-    EstimateError,
-    Interventions,
-    InvalidActions,
-    LargestRange,
-    LargestSpeed,
-    ReadingError,
-    SmallestPhi,
-    SmallestRange,
-    TimeToCoverage,
-)
+from safe_inspect.metrics import BaseMetric, SmallestPhi
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.functor import build, describe
 from safe_inspect.rta.base import SafetyGlue
@@ -83,22 +71,27 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     these are enabled.
     """
     filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
-    metrics: list[BaseMetric] = [Interventions()]
+    usual: list[BaseMetric] = [metrics.Interventions()]
     if any(safety is not None and safety.enabled and safety.invalid_actions == "backup" for safety in filters):
-        metrics.append(InvalidActions())
+        usual.append(metrics.InvalidActions())
     if any(action_layout(agent).coast is not None for agent in spec.agents):
-        metrics.append(Decisions())
+        usual.append(metrics.Decisions())
     bodies = [name for name in (*_points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
     if bodies:
-        metrics += [cls(entity_name=bodies[0]) for cls in (SmallestRange, LargestRange, LargestSpeed)]
+        usual += [
+            cls(entity_name=bodies[0]) for cls in (metrics.SmallestRange, metrics.LargestRange, metrics.LargestSpeed)
+        ]
     for name in _points_of(spec)[:1]:
-        metrics += [TimeToCoverage(inspection_entity_name=name), DeltaVAfterLastPoint(inspection_entity_name=name)]
+        usual += [
+            metrics.TimeToCoverage(inspection_entity_name=name),
+            metrics.DeltaVAfterLastPoint(inspection_entity_name=name),
+        ]
     found: dict[str, BaseMetric] = {}
     if any(component.estimates for component in spec.simulator.disturbance):
-        metrics += [EstimateError(quantity=quantity) for quantity in ("position", "velocity")]
+        usual += [metrics.EstimateError(quantity=quantity) for quantity in ("position", "velocity")]
     for agent in spec.agents:
         inaccurate = [part for part in agent.parts.values() if isinstance(part, Sensor) and part.errors is not None]
-        for error in [ReadingError(sensor=part.part_name, symbol=part.symbol) for part in inaccurate]:
+        for error in [metrics.ReadingError(sensor=part.part_name, symbol=part.symbol) for part in inaccurate]:
             found.setdefault(error.label, error)
     for filtering in filters:
         for metric in _constraints(filtering) if filtering is not None else ():
@@ -106,7 +99,7 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     if leaves_plane(*spec.simulator.compose()):
         found = {name: one for name, one in found.items() if not isinstance(getattr(one, "constraint", 0), SunKeepOut)}
     several = len(spec.agents) > 1
-    return metrics + [
+    return usual + [
         metric
         for metric in found.values()
         if several or not (isinstance(metric, SmallestPhi) and metric.about == "deputies")

@@ -6,6 +6,8 @@ Figures are made without pyplot, so that none stays in memory and no display is 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +21,9 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.types import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
+else:
+    Figure = Any  # so that other modules can name the class, which is loaded only when a figure is drawn
 
 #: File name endings that `save` supports.
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
@@ -85,6 +89,24 @@ def style() -> Any:
     import matplotlib
 
     return matplotlib.rc_context(_STYLE)
+
+
+@contextmanager
+def new_figure(width: float, height: float, **more: Any) -> Iterator[Figure]:
+    """Return a context with a new figure, in which it is drawn in the common style.
+
+    Args:
+        width: Width [inches].
+        height: Height [inches].
+        **more: Further arguments of Matplotlib's class.
+
+    Raises:
+        SafeInspectError: Matplotlib is not installed.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        yield Figure(figsize=(width, height), facecolor="white", **more)
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:

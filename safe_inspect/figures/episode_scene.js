@@ -3,7 +3,6 @@ const { position, sun, beta, sunlight, points, radius, rings, deputies, orientat
 const BODY = [[[1, 0, 0], "#D55E00"], [[0, 1, 0], "#0072B2"], [[0, 0, 1], "#009E73"]];
 const NIGHT = "#B4BAC4", DAY = "#FFF1C4", DARK = "#4B5563";
 
-const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
 
 /** Return R(q) v for a unit quaternion with the scalar last. */

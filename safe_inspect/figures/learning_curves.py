@@ -8,18 +8,15 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.figures.drawing import deputy_line, style
+from safe_inspect.figures.drawing import Figure, deputy_line, new_figure
 from safe_inspect.geometry.picture import BLUE, GREY, ORANGE
 from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Column of progress.csv with the number of environment steps.
 _STEPS = "steps"
@@ -87,8 +84,8 @@ def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
         SafeInspectError: The file cannot be read, or Matplotlib is not installed.
     """
     columns = _read_learning_curve(progress)
-    with style():
-        figure, panels, scale = _new_figure((8.0, 4.8), columns[_STEPS])
+    with new_figure(8.0, 4.8, layout="constrained") as figure:
+        panels, scale = _panels_of(figure, columns[_STEPS])
         steps = columns[_STEPS] / scale
         for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
             lines = [_draw_training(axes, steps, columns[name] * factor, "training", color=BLUE)]
@@ -127,18 +124,15 @@ def _label_panel(axes: Any, label: str, factor: float, drawn: bool, ended: bool)
         axes.set_ylim(-3, 103)
 
 
-def _new_figure(size: tuple[float, float], steps: FloatArray) -> tuple[Figure, Any, float]:
-    """Return a figure, its panels, one for each quantity, and the number by which it divides steps."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, facecolor="white", layout="constrained")
+def _panels_of(figure: Figure, steps: FloatArray) -> tuple[Any, float]:
+    """Return panels in a figure, one for each quantity, and the number by which they divide steps."""
     panels = figure.subplots(2, 2, sharex=True)
     largest = np.nanmax(steps, initial=0.0)
     units = ((2e6, 1e6, " [millions]"), (2e3, 1e3, " [thousands]"), (-np.inf, 1.0, ""))
     scale, unit = next((scale, unit) for least, scale, unit in units if largest >= least)
     for axes in panels[1]:
         axes.set_xlabel(f"environment steps{unit}")
-    return figure, panels, scale
+    return panels, scale
 
 
 @dataclass(frozen=True)
@@ -221,9 +215,9 @@ def curves_figure(
     if not recipes or not all(recipes.values()):
         raise SafeInspectError("no learning curves: give the folders of trainings")
     columns = {label: [_read_learning_curve(path) for path in paths] for label, paths in recipes.items()}
-    with style():
+    with new_figure(9.0, 5.8, layout="constrained") as figure:
         every = np.concatenate([run[_STEPS] for runs in columns.values() for run in runs])
-        figure, panels, scale = _new_figure((9.0, 5.8), every)
+        panels, scale = _panels_of(figure, every)
         for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
             drawn = [
                 _draw_recipe(axes, runs, name, factor, scale, centre, each, deputy_line(index))

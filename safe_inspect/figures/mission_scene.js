@@ -39,22 +39,24 @@ function stateAt(t) {
   };
 }
 
-/** Return whether boxes hide a point from a distant viewer in the direction `sight`. */
-function hides(boxes, point, sight) {
-  return boxes.some(({ centre, half, axes }) => {
-    const from = minus(point, centre), tiny = 1e-3 * Math.max(...half);
-    let near = 0, far = Infinity;
-    for (let i = 0; i < 3; i++) {
-      const direction = dot3(axes[i], sight) || 1e-12, origin = dot3(axes[i], from);
-      const a = (-half[i] - origin) / direction, b = (half[i] - origin) / direction;
-      near = Math.max(near, Math.min(a, b));
-      far = Math.min(far, Math.max(a, b));
+/** Return a function that says whether a solid hides a point from a distant viewer in the direction `sight`. */
+function hiding(solid, sight) {
+  const tiny = 1e-3 * Math.max(...solid.triangles.flat(2).map(Math.abs)), rows = [];
+  for (const [corner, b, c] of solid.triangles) {
+    const first = minus(b, corner), second = minus(c, corner), normal = cross3(first, second);
+    const toward = dot3(normal, sight);
+    if (toward > 1e-9 * Math.hypot(...normal)) {
+      const over = (v) => v.map((x) => x / toward);
+      rows.push([corner, over(cross3(second, sight)), over(cross3(sight, first)), over(normal)]);
     }
-    return far > near + tiny;
+  }
+  return (point) => rows.some(([corner, u, v, t]) => {
+    const from = minus(point, corner), a = dot3(u, from), b = dot3(v, from);
+    return a > 0 && b > 0 && a + b < 1 && -dot3(t, from) > tiny;
   });
 }
 
-/** Draw boxes; `view` has the camera's directions in their frame, `flat` maps points of this frame to pixels. */
+/** Draw a solid; `view` has the camera's directions in their frame, `flat` maps points of this frame to pixels. */
 function drawSolid(pen, solid, view, flat, ink) {
   const light = [0, 1, 2].map((i) => view.sight[i] + 0.55 * view.up[i] - 0.35 * view.right[i]);
   const norm = Math.hypot(...light), seen = [];
@@ -75,9 +77,9 @@ function drawSolid(pen, solid, view, flat, ink) {
     pen.fill();
     pen.stroke();
   }
+  const hides = hiding(solid, view.sight);
   for (const [a, b] of solid.edges) {
-    const middle = mixed(a, b, 0.5);
-    if (!hides(solid.boxes, middle, view.sight)) polyline(pen, [flat(a), flat(b)], GREY, 0.9);
+    if (!hides(mixed(a, b, 0.5))) polyline(pen, [flat(a), flat(b)], GREY, 0.9);
   }
 }
 
@@ -119,10 +121,10 @@ function drawScene(t) {
   const place = inTarget ? back(state.target, state.place) : state.place;
   const path = inTarget ? positionInTarget : position;
   const approach = bands.find(({ name }) => name === "TRACK"), first = approach ? rowAt(approach.start) : 0;
-  const nearest = target.radius ** 2;
+  const nearest = target.radius ** 2, hides = hiding(target, own.sight);
   // Most points are outside the region that the target sweeps, so that they need no further test.
   const hidden = (p) => dot3(p, p) - dot3(p, view.sight) ** 2 < nearest
-    && hides(target.boxes, back(rotation, p), own.sight);
+    && hides(back(rotation, p));
   const line = (points, colour, wide, dashes = []) => {
     const behind = points.map(hidden), places = points.map(flat);
     for (const which of [true, false]) {  // hidden parts are thin and dotted

@@ -15,6 +15,7 @@ const camera = { ...FIRST, zoom: 1 };
 let now = 0, playing = false, before = 0;
 
 const dot3 = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const scaled = (a, factor) => a.map((x) => x * factor);
 const mixed = (a, b, u) => a.map((x, i) => x + u * (b[i] - x));
 

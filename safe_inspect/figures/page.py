@@ -81,7 +81,6 @@ def _episode_data(episode: Trajectory) -> dict[str, Any]:
     scale, unit = clock(episode)
     rings = ring_radii(reach_of(episode))
     deputies = range(len(episode.deputies))
-    lines = [deputy_line(index) for index in deputies]
     reach = max(reach_of(episode), 1.1 * rings[-1])
     turns = "orientation" in episode.arrays
     radius = radius_of(episode) or episode.docking_radius or 1.0
@@ -91,10 +90,7 @@ def _episode_data(episode: Trajectory) -> dict[str, Any]:
         "time": rounded(episode.time, 3),
         "unit": unit,
         "unit_seconds": scale,
-        "deputies": [
-            {"name": name, "colour": line["color"], "dashes": _dashes(line["linestyle"])}
-            for name, line in zip(episode.deputies, lines, strict=True)
-        ],
+        "deputies": [{"name": name, **_look(index)} for index, name in enumerate(episode.deputies)],
         "position": [rounded(episode.position[:, index], 3) for index in deputies],
         "delta_v": [rounded(episode.delta_v[:, index], 5) for index in deputies],
         "sun": rounded(episode.sun_angle, 5) if "sun_angle" in episode.arrays else None,
@@ -120,7 +116,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     """Return the charts, each with its label, range of values and lines."""
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
-    lines = [{"colour": deputy_line(i)["color"], "dashes": _dashes(deputy_line(i)["linestyle"])} for i in deputies]
+    lines = [_look(index) for index in deputies]
     limit, norm = speed_limit_of(episode), np.sqrt(np.square(episode.thrust).sum(axis=-1))
 
     def all_of(values: FloatArray, digits: int, **more: Any) -> list[dict[str, Any]]:
@@ -186,8 +182,11 @@ def _held(values: AnyArray) -> AnyArray:
     return np.concatenate((values, np.zeros_like(values[:1])))
 
 
-def _dashes(linestyle: Any) -> list[float]:
-    return [] if linestyle == "-" else [2.0 * float(length) for length in linestyle[1]]
+def _look(deputy: int) -> dict[str, Any]:
+    """Return colour and dashes of a deputy's lines."""
+    line = deputy_line(deputy)
+    dashes = [] if line["linestyle"] == "-" else [2.0 * float(length) for length in line["linestyle"][1]]
+    return {"colour": line["color"], "dashes": dashes}
 
 
 def rounded(values: AnyArray, digits: int) -> Any:

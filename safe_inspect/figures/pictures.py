@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.figures.drawing import style
+from safe_inspect.figures.drawing import new_figure, style
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 
@@ -24,21 +24,32 @@ from safe_inspect.types import AnyArray
 class Pictures(ABC):
     """Base class of a sequence of pictures that are equally spaced in time.
 
+    A subclass sets the attributes that `_build` needs, and then calls ``super().__init__``.
+
     Args:
         frames: Number of pictures, at least 2.
         width: Width of a picture [pixels]; it is 1.6 times its height.
 
     Raises:
+        SafeInspectError: Matplotlib is not installed.
         ValueError: A number is out of range.
     """
-
-    _canvas: Any
 
     def __init__(self, frames: int, width: int) -> None:
         if frames < 2 or not 320 <= width <= 3840:
             raise ValueError(f"expected at least 2 frames and a width of 320 to 3840 pixels, got {frames} and {width}")
         self.frames = frames
         self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs require even numbers
+        # The resolution grows with the width, so that fonts and lines keep their relative sizes.
+        with new_figure(8.0, 8.0 * self._size[1] / self._size[0], dpi=self._size[0] / 8.0) as figure:
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+            self._canvas: Any = FigureCanvasAgg(figure)
+            self._build(figure)
+
+    @abstractmethod
+    def _build(self, figure: Any) -> None:
+        """Draw everything that all pictures have in common, and make what `_show` updates."""
 
     @abstractmethod
     def _show(self, share: float) -> None:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from safe_inspect.evaluation.safety_report import Acceptance, SafetyReport
-from safe_inspect.figures.drawing import style
+from safe_inspect.figures.drawing import Figure, new_figure
 from safe_inspect.geometry.picture import BLUE, GREY, VERMILION
 from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 def safety_figure(report: SafetyReport) -> Figure:
     """Draw every constraint's plain safety quantity over time, for the environment that came nearest to a violation."""
-    with style():
-        from matplotlib.figure import Figure
-
-        rows = -(-len(report.names) // 2)
-        figure = Figure(figsize=(8.0, 1.35 * rows + 0.4), facecolor="white", layout="constrained")
+    rows = -(-len(report.names) // 2)
+    with new_figure(8.0, 1.35 * rows + 0.4, layout="constrained") as figure:
         panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
         hours = np.arange(len(report.worst)) * report.step_size / 3600.0
         for axes, name, unit, values in zip(panels.flat, report.names, report.units, report.worst.T, strict=False):
@@ -43,10 +35,7 @@ def acceptance_figure(found: Acceptance) -> Figure:
     Raises:
         KeyError: The sampler does not provide position, velocity or sun angle.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(8.0, 4.8), facecolor="white", layout="constrained")
+    with new_figure(8.0, 4.8, layout="constrained") as figure:
         panels = figure.subplots(2, 2)
         for axes, (label, values) in zip(panels.flat, _marginals(found).items(), strict=True):
             edges = np.linspace(values.min(), values.max(), 41)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.figures.drawing import SEQUENTIAL, clock, deputy_line, radius_of, reach_of, time_norm
+from safe_inspect.figures.drawing import SEQUENTIAL, Figure, clock, deputy_line, radius_of, reach_of, time_norm
 from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VERMILION, VIEW, pieces, ring, sun_arrow
 from safe_inspect.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # for a chief in orbit
 _PLAIN_AXES = ("x [m]", "y [m]", "z [m]")

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.figures.drawing import (
     SEQUENTIAL,
+    Figure,
     above_limit,
     clock,
     deputy_line,
     ending,
+    new_figure,
     radius_of,
     reach_of,
     speed_limit_of,
-    style,
     time_norm,
 )
 from safe_inspect.figures.scene import draw_scene
@@ -33,9 +34,6 @@ from safe_inspect.geometry.picture import (
     circle,
 )
 from safe_inspect.types import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _RIGHT = 0.985
 _FEW = 20  # number of burns up to which they are drawn as pins
@@ -57,10 +55,7 @@ def trajectory_figure(episode: Trajectory) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(10.0, 6.8), facecolor="white")
+    with new_figure(10.0, 6.8) as figure:
         draw_scene(figure, episode)
         if len(episode.points):
             _draw_chief(figure, episode)

@@ -5,23 +5,26 @@ Every row is computed separately and in one fixed order, so its result is bit-id
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
+from safe_inspect.geometry.visibility import Surface, light_row, point_axes
 from safe_inspect.random.splitmix import pick_below
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Clusters", "KMeansRule", "RowDraws", "cluster", "cluster_sklearn", "start_centres"]
+# A centre closer to the origin than this [m] differs from it only by rounding and has no direction.
+_AT_ORIGIN = 1e-9
 
 
 class Clusters(NamedTuple):
     """Data of R rows that are stored between two calls; read and written.
 
     Attributes:
-        centres: Centres [m], shape (R, K, 3). See `start_centres`.
+        centres: Centres [m], shape (R, K, 3); those beyond the number of centres are 0.
         num_centres: Number of centres of each row, shape (R,). Set it to 0 to restart.
         candidates: Candidates of the last call, shape (R, P).
         settled: Whether the last call converged, shape (R,). Set it to False to restart.
@@ -50,8 +53,6 @@ class KMeansRule(NamedTuple):
 @njit
 def max_clusters(num_points: int, points_per_cluster: int) -> int:
     """Return ceil(num_points / points_per_cluster), the length K of an array of centres."""
-    if points_per_cluster < 1:
-        raise ValueError("points_per_cluster must be at least 1")
     return (num_points + points_per_cluster - 1) // points_per_cluster
 
 
@@ -69,7 +70,11 @@ def _gather(points: FloatArray, candidates: BoolArray, chosen: IntArray) -> int:
 def _start(
     points: FloatArray, chosen: IntArray, centres: FloatArray, have: int, want: int, key: np.uint64, step: int
 ) -> None:
-    """Remove or add centres of a row to change their number from `have` to `want`; see `start_centres`."""
+    """Remove or add centres of a row to change their number from `have` to `want`.
+
+    Excess centres are removed from the end. Missing ones are candidates drawn at random, distinct among those added.
+    The draw depends only on the key, the step and the number of centres drawn before it.
+    """
     for j in range(want, centres.shape[0]):
         for k in range(3):
             centres[j, k] = 0.0
@@ -82,44 +87,6 @@ def _start(
         deck[pick], deck[other] = deck[other], deck[pick]
         for k in range(3):
             centres[have + pick, k] = points[deck[pick], k]
-
-
-@njit
-def start_centres(
-    points: FloatArray,
-    candidates: BoolArray,
-    centres: FloatArray,
-    count: IntArray,
-    key: NDArray[np.uint64],
-    step: IntArray,
-    points_per_cluster: int,
-) -> None:
-    """Set the number of each row's centres to one for every `points_per_cluster` candidates, rounded up.
-
-    Excess centres are removed from the end. Missing ones are candidates drawn at random, distinct among those added.
-    The draw depends only on the key, the step and the number of centres drawn before it.
-
-    Args:
-        points: Points on the chief [m], shape (P, 3).
-        candidates: Points to cluster, shape (N, P).
-        centres: Centres [m], shape (N, K, 3) with K at least ceil(P / points_per_cluster); read and written. Those
-            beyond the count are set to 0.
-        count: Number of centres of each row, shape (N,); read and written.
-        key: Key of each row's random draws, shape (N,).
-        step: Number of each row's step, shape (N,).
-        points_per_cluster: Candidates per cluster, at least 1.
-
-    Raises:
-        ValueError: `centres` is too small or `points_per_cluster` is not positive.
-    """
-    if centres.shape[1] < max_clusters(points.shape[0], points_per_cluster):
-        raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
-    chosen = np.empty(points.shape[0] + 1, dtype=np.int64)
-    for row in range(candidates.shape[0]):
-        total = _gather(points, candidates[row], chosen)
-        want = max_clusters(total, points_per_cluster)
-        _start(points, chosen[:total], centres[row], count[row], want, key[row], step[row])
-        count[row] = want
 
 
 @njit
@@ -223,67 +190,6 @@ def _lloyd(own: FloatArray, total: int, centres: FloatArray, k: int, max_iterati
 
 
 @njit
-def _unchanged(candidates: BoolArray, previous: BoolArray) -> bool:
-    """Return whether a row's candidates are those of its last call."""
-    different = False
-    for p in range(len(candidates)):
-        different |= candidates[p] != previous[p]
-    return not different
-
-
-@njit
-def cluster(
-    points: FloatArray,
-    candidates: BoolArray,
-    clusters: Clusters,
-    draws: RowDraws,
-    rule: KMeansRule,
-) -> None:
-    """Cluster each row's candidates by K-means, starting from the row's previous centres.
-
-    In Lloyd's iterations each candidate is assigned to the nearest centre, and each centre moves to the mean of its
-    candidates, until the assignments no longer change. An empty cluster receives the candidate farthest from its
-    centre. A row that had converged and whose candidates are those of its last call is not changed, since the
-    iterations would give bit-identical centres.
-
-    Args:
-        points: Points on the chief [m], shape (P, 3).
-        candidates: Points to cluster, shape (R, P).
-        clusters: The clusters of each row; read and written.
-        draws: Source of each row's random draws.
-        rule: Sizes of the clusters, and the limit of the iterations.
-
-    Raises:
-        ValueError: There are too few places for centres or `points_per_cluster` is not positive.
-
-    Source:
-        Lloyd, "Least squares quantization in PCM", 1982.
-    """
-    centres, num_centres, previous, settled = clusters  # passing the tuple to inner calls would be slower
-    require_centres(points, centres, rule)
-    chosen, own = np.empty(points.shape[0] + 1, dtype=np.int64), np.empty((3, points.shape[0]))
-    for row in range(candidates.shape[0]):
-        if not (settled[row] and _unchanged(candidates[row], previous[row])):
-            num_centres[row], settled[row] = cluster_row(
-                points, candidates[row], centres[row], num_centres[row], draws.key[row], draws.step[row], rule, chosen,
-                own,
-            )  # fmt: skip
-            for p in range(candidates.shape[1]):
-                previous[row, p] = candidates[row, p]
-
-
-@njit
-def require_centres(points: FloatArray, centres: FloatArray, rule: KMeansRule) -> None:
-    """Check that there are enough places for centres.
-
-    Raises:
-        ValueError: There are too few, as for `cluster`.
-    """
-    if centres.shape[1] < max_clusters(points.shape[0], rule.points_per_cluster):
-        raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
-
-
-@njit
 def cluster_row(
     points: FloatArray,
     candidates: BoolArray,
@@ -295,7 +201,11 @@ def cluster_row(
     chosen: IntArray,
     own: FloatArray,
 ) -> tuple[int, bool]:
-    """Cluster one row as `cluster` does; return the number of centres and whether the iterations converged.
+    """Cluster one row's candidates by K-means, starting from the row's previous centres.
+
+    In Lloyd's iterations each candidate is assigned to the nearest centre, and each centre moves to the mean of its
+    candidates, until the assignments no longer change. An empty cluster receives the candidate farthest from its
+    centre. The number of centres is one for every `points_per_cluster` candidates, rounded up.
 
     Args:
         points: Points on the chief [m], shape (P, 3).
@@ -307,6 +217,12 @@ def cluster_row(
         rule: Sizes of the clusters, and the limit of the iterations.
         chosen: Workspace, shape (P + 1,).
         own: Workspace, shape (3, P).
+
+    Returns:
+        The number of centres, and whether the iterations converged.
+
+    Source:
+        Lloyd, "Least squares quantization in PCM", 1982.
     """
     total = _gather(points, candidates, chosen)
     want = max_clusters(total, rule.points_per_cluster)
@@ -317,21 +233,92 @@ def cluster_row(
     return want, total == 0 or _lloyd(own, total, centres, want, rule.max_iterations)
 
 
+@njit
+def cluster_candidates(
+    position: FloatArray,
+    body: int,
+    deputies: tuple[int, int],
+    sun: FloatArray,
+    surface: Surface,
+    inspector: NDArray[np.int8],
+    centres: FloatArray,
+    num_centres: IntArray,
+    previous: BoolArray,
+    settled: BoolArray,
+    draws: RowDraws,
+    rule: KMeansRule,
+) -> None:
+    """Cluster the points that are lit, as seen by each deputy of a group, and have no inspector; see `cluster_row`.
+
+    A row that had converged and whose candidates are those of its last call is not changed, since the iterations would
+    give bit-identical centres.
+
+    Args:
+        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
+        body: Index of the body that carries the points.
+        deputies: Index of the group's first deputy, and their number, G; R = N * G rows.
+        sun: Unit vectors to the sun [-], shape (N, 3).
+        surface: The points of the body, relative to its centre.
+        inspector: Index of the inspector of each point, -1 for none, shape (N, P).
+        centres: See `Clusters`, with R rows; read and written.
+        num_centres: See `Clusters`; read and written.
+        previous: The candidates of the last call; read and written.
+        settled: See `Clusters`; read and written.
+        draws: Source of the random draws of each environment, N rows.
+        rule: Sizes of the clusters, and the limit of the iterations.
+
+    Raises:
+        ValueError: There are too few places for centres.
+    """
+    points, radius, light, (first, size) = surface.points, surface.radius, surface.light, deputies
+    key, step = draws.key, draws.step
+    total = points.shape[0]
+    if centres.shape[1] < max_clusters(total, rule.points_per_cluster):
+        raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
+    chosen, own = np.empty(total + 1, dtype=np.int64), np.empty((3, total))
+    axes, viewer = point_axes(points), np.empty(3)
+    wanted = np.empty(total, dtype=np.bool_)
+    for n in range(position.shape[0]):
+        for g in range(size):
+            row = n * size + g
+            for axis in range(3):
+                viewer[axis] = position[n, first + g, axis] - position[n, body, axis]
+            light_row(viewer, sun[n], axes, radius, light, wanted)
+            different = not settled[row]
+            for p in range(total):
+                wanted[p] = wanted[p] & (inspector[n, p] < 0)
+                different |= wanted[p] != previous[row, p]
+            if different:
+                num_centres[row], settled[row] = cluster_row(
+                    points, wanted, centres[row], num_centres[row], key[n], step[n], rule, chosen, own
+                )
+                for p in range(total):
+                    previous[row, p] = wanted[p]
+
+
 def cluster_sklearn(
     points: FloatArray, candidates: BoolArray, clusters: Clusters, draws: RowDraws, rule: KMeansRule
 ) -> None:
-    """Compute `cluster` with scikit-learn's K-means from the same start; it is the reference, and much slower."""
+    """Cluster rows as `cluster_candidates` does with scikit-learn's K-means; it is the reference, and much slower.
+
+    Args:
+        points: Points on the chief [m], shape (P, 3).
+        candidates: Points to cluster, shape (R, P).
+        clusters: The clusters of each row; read and written.
+        draws: Source of each row's random draws.
+        rule: Sizes of the clusters, and the limit of the iterations.
+    """
     import warnings
 
     from sklearn.cluster import KMeans
     from sklearn.exceptions import ConvergenceWarning
 
     centres, count, previous, settled = clusters
+    start, work = rule._replace(max_iterations=0), (np.empty(len(points) + 1, np.int64), np.empty((3, len(points))))
     for row in np.flatnonzero(~settled | (candidates != previous).any(axis=1)):
-        one = slice(row, row + 1)
-        key, step = draws.key[one], draws.step[one]
-        start_centres(points, candidates[one], centres[one], count[one], key, step, rule.points_per_cluster)
-        k = int(count[row])
+        key, step = draws.key[row], draws.step[row]
+        k, _ = cluster_row(points, candidates[row], centres[row], count[row], key, step, start, *work)
+        count[row] = k
         converged = True
         if k:
             means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=rule.max_iterations, tol=0.0)
@@ -342,3 +329,36 @@ def cluster_sklearn(
             converged = means.n_iter_ < rule.max_iterations and len(np.unique(means.labels_)) == k
         settled[row] = converged
         previous[row] = candidates[row]
+
+
+@njit
+def direction_to_nearest(
+    viewer: FloatArray, body: FloatArray, centres: FloatArray, count: int, direction: FloatArray
+) -> None:
+    """Write the direction from a body's centre to the cluster that is nearest to a viewer.
+
+    This is the unit vector c/abs(c) of the centre c with the smallest distance abs(p - c), the first one in a tie;
+    zeros if there is no cluster or the nearest centre is the origin.
+
+    Args:
+        viewer: Position of the viewer [m], shape (3,).
+        body: Position of the body [m], shape (3,); p is the viewer's position relative to it.
+        centres: Centres of the clusters relative to the body [m], shape (K, 3).
+        count: Number of centres in use.
+        direction: Output: the direction [-], shape (3,).
+    """
+    px, py, pz = viewer[0] - body[0], viewer[1] - body[1], viewer[2] - body[2]
+    best, least = -1, math.inf
+    for k in range(count):
+        squared = (px - centres[k, 0]) ** 2
+        squared += (py - centres[k, 1]) ** 2
+        squared += (pz - centres[k, 2]) ** 2
+        if squared < least:
+            best, least = k, squared
+    direction[0] = direction[1] = direction[2] = 0.0
+    if best < 0:
+        return
+    x, y, z = centres[best, 0], centres[best, 1], centres[best, 2]
+    length = math.sqrt(x * x + y * y + z * z)
+    if length > _AT_ORIGIN:
+        direction[0], direction[1], direction[2] = x / length, y / length, z / length

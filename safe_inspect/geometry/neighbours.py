@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
+from safe_inspect.geometry.distance import distance
 from safe_inspect.types import FloatArray
 
 # A position closer to the origin than this [m] differs from it only by rounding and has no direction.
@@ -143,20 +144,17 @@ def scan_deputies(
 
 
 @njit
-def pair_distances(position: FloatArray, deputies: int, distance: FloatArray) -> None:
+def pair_distances(position: FloatArray, deputies: int, distances: FloatArray) -> None:
     """Write the distance of every pair of deputies: 0-1, 0-2, ..., 1-2, ... [m].
 
     Args:
         position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
         deputies: Number of deputies, D.
-        distance: Output: the distances [m], shape (N, D (D - 1) / 2).
+        distances: Output: the distances [m], shape (N, D (D - 1) / 2).
     """
     for n in range(position.shape[0]):
         pair = 0
         for i in range(deputies):
             for j in range(i + 1, deputies):
-                x = position[n, i, 0] - position[n, j, 0]
-                y = position[n, i, 1] - position[n, j, 1]
-                z = position[n, i, 2] - position[n, j, 2]
-                distance[n, pair] = math.sqrt(x * x + y * y + z * z)
+                distances[n, pair] = distance(position[n, i], position[n, j])
                 pair += 1

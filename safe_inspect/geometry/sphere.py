@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
-from safe_inspect.errors import did_you_mean
 from safe_inspect.types import FloatArray
 
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def sphere_points(algorithm: str, num_points: int, radius: float) -> FloatArray:
+def sphere_points(algorithm: Literal["fibonacci", "cmu"], num_points: int, radius: float) -> FloatArray:
     """Return points spread evenly over a sphere about the origin.
 
     Args:
@@ -24,22 +22,8 @@ def sphere_points(algorithm: str, num_points: int, radius: float) -> FloatArray:
 
     Returns:
         Positions [m], shape (P, 3), from +z to -z.
-
-    Raises:
-        ValueError: The algorithm is unknown, `num_points` is not a whole number of at least 1, or `radius` is not
-            finite and positive.
     """
-    if algorithm not in _ALGORITHMS:
-        raise ValueError(f"unknown points algorithm `{algorithm}`; {did_you_mean(str(algorithm), _ALGORITHMS)}")
-    try:
-        count = operator.index(num_points)
-    except TypeError:
-        raise ValueError(f"num_points must be a whole number, got {num_points!r}") from None
-    if count < 1:
-        raise ValueError(f"num_points must be at least 1, got {count}")
-    if not (math.isfinite(radius) and radius > 0.0):
-        raise ValueError(f"radius must be finite and positive [m], got {radius}")
-    return radius * _ALGORITHMS[algorithm](count)
+    return radius * (_fibonacci if algorithm == "fibonacci" else _cmu)(num_points)
 
 
 def _fibonacci(count: int) -> FloatArray:
@@ -83,6 +67,3 @@ def _cmu(count: int) -> FloatArray:
 def _on_unit_sphere(height: FloatArray, distance: FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return points from their heights, their distances from the z axis and their azimuths."""
     return np.stack((distance * np.cos(azimuth), distance * np.sin(azimuth), height), axis=-1)
-
-
-_ALGORITHMS: dict[str, Callable[[int], FloatArray]] = {"fibonacci": _fibonacci, "cmu": _cmu}

@@ -46,6 +46,20 @@ class Credit(NamedTuple):
     own_count: IntArray
 
 
+class Scores(NamedTuple):
+    """Weights of the inspected points of N environments.
+
+    Attributes:
+        weights: Weight of each point [-], shape (N, P).
+        team: Total weight of the inspected points [-], shape (N,).
+        own: Total weight of the points that each deputy was the first to inspect [-], shape (N, D).
+    """
+
+    weights: FloatArray
+    team: FloatArray
+    own: FloatArray
+
+
 @njit
 def point_axes(points: FloatArray) -> FloatArray:
     """Return the points with shape (3, P), each axis contiguous; loops over points are then three times as fast."""
@@ -106,42 +120,6 @@ def _well_lit(
 
 
 @njit
-def visible(viewer: FloatArray, points: FloatArray, radius: float, cos_half_fov: float) -> BoolArray:
-    """Return which points each viewer sees, lit or not.
-
-    A point q is above the horizon of a viewer at p when ``q . p >= R^2``, and in the field of view when the angle at
-    the viewer between q and the centre, towards which it points, is at most half the field of view. A viewer inside the
-    sphere sees nothing.
-
-    Args:
-        viewer: Positions p relative to the chief's centre [m], shape (R, 3).
-        points: Points q on the sphere [m], in the viewers' frame, shape (P, 3).
-        radius: Radius of the sphere [m].
-        cos_half_fov: Cosine of half the field of view [-]; -1 means no limit.
-
-    Returns:
-        Whether a viewer sees a point, shape (R, P).
-    """
-    rows, count = viewer.shape[0], points.shape[0]
-    seen = np.zeros((rows, count), dtype=np.bool_)
-    limit = radius * radius
-    axes = point_axes(points)
-    qx, qy, qz = axes[0], axes[1], axes[2]
-    for row in range(rows):
-        vx, vy, vz = viewer[row, 0], viewer[row, 1], viewer[row, 2]
-        range_squared = vx * vx + vy * vy + vz * vz
-        if range_squared < limit:
-            continue
-        for p in range(count):
-            seen[row, p] = qx[p] * vx + qy[p] * vy + qz[p] * vz >= limit
-        if not _sees_whole_cap(range_squared, radius, cos_half_fov):
-            for p in range(count):
-                if seen[row, p]:
-                    seen[row, p] = _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)
-    return seen
-
-
-@njit
 def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light) -> BoolArray:
     """Return which points are lit well enough for each viewer, whether in its view or not; see `Light` for the rule.
 
@@ -182,27 +160,6 @@ def light_row(
 
 
 @njit
-def lit_and_uninspected(
-    viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light, inspector: NDArray[np.int8]
-) -> BoolArray:
-    """Return which points are lit, as defined by `lit`, and have no inspector yet, shape (R, P).
-
-    Args:
-        viewer: As for `lit`.
-        sun: As for `lit`.
-        points: As for `lit`.
-        radius: As for `lit`.
-        light: As for `lit`.
-        inspector: Index of the inspector of each point, -1 for none, shape (R, P).
-    """
-    found = lit(viewer, sun, points, radius, light)
-    for row in range(found.shape[0]):
-        for p in range(found.shape[1]):
-            found[row, p] = found[row, p] and inspector[row, p] < 0
-    return found
-
-
-@njit
 def inspect_in_binary_light(
     viewer: _Vector, sun: _Vector, axes: FloatArray, horizon: float, terminator: float, owner: int,
     inspector: NDArray[np.int8],
@@ -228,61 +185,6 @@ def inspect_in_binary_light(
 
 
 @njit
-def inspect_points(
-    viewer: FloatArray,
-    sun: FloatArray,
-    surface: Surface,
-    cos_half_fov: float,
-    active: BoolArray,
-    credit: Credit,
-) -> None:
-    """Assign each point that is seen and lit permanently to the first viewer that sees it, and count the points.
-
-    Args:
-        viewer: Positions relative to the chief's centre [m], in the order of the agents, shape (N, D, 3).
-        sun: Unit vectors to the sun [-], shape (N, 3).
-        surface: The points, in the same frame.
-        cos_half_fov: Cosine of half the field of view about the direction to the chief [-]; -1 means no limit.
-        active: Whether a viewer's sensor is working, shape (N, D).
-        credit: Inspected points and their inspectors; read and written.
-    """
-    points, radius, light = surface.points, surface.radius, surface.light
-    inspector = credit.inspector
-    count = points.shape[0]
-    horizon = radius * radius
-    terminator = radius * light.threshold
-    axes = point_axes(points)
-    qx, qy, qz = axes[0], axes[1], axes[2]
-    for row in range(viewer.shape[0]):
-        sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]
-        for d in range(viewer.shape[1]):
-            if not active[row, d]:
-                continue
-            vx, vy, vz = viewer[row, d, 0], viewer[row, d, 1], viewer[row, d, 2]
-            range_squared = vx * vx + vy * vy + vz * vz
-            if range_squared < horizon:
-                continue
-            whole = _sees_whole_cap(range_squared, radius, cos_half_fov)
-            if whole and light.binary:
-                inspect_in_binary_light((vx, vy, vz), (sx, sy, sz), axes, horizon, terminator, d, inspector[row])
-                continue
-            for p in range(count):
-                if inspector[row, p] >= 0 or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
-                    continue
-                if not (whole or _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)):
-                    continue
-                if light.binary:
-                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
-                else:
-                    nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
-                    cosine = nx * sx + ny * sy + nz * sz
-                    shines = _well_lit(nx, ny, nz, cosine, viewer[row, d], sun[row], radius, light)
-                if shines:
-                    inspector[row, p] = d
-        count_inspected(row, credit)
-
-
-@njit
 def count_inspected(row: int, credit: Credit) -> None:
     """Recount the inspected points of one environment.
 
@@ -298,3 +200,88 @@ def count_inspected(row: int, credit: Credit) -> None:
         credit.own_count[row, d] = own
         total += own
     credit.team_count[row] = total
+
+
+@njit
+def sum_scores(row: int, credit: Credit, scores: Scores) -> None:
+    """Recompute the sums of the weights of the inspected points of one environment.
+
+    Args:
+        row: The environment.
+        credit: Inspected points and their inspectors.
+        scores: Weights of the inspected points; read and written.
+    """
+    scores.team[row] = 0.0
+    scores.own[row] = 0.0
+    for p in range(credit.inspector.shape[1]):
+        who = credit.inspector[row, p]
+        if who >= 0:
+            scores.team[row] += scores.weights[row, p]
+            scores.own[row, who] += scores.weights[row, p]
+
+
+@njit
+def inspect_body(
+    position: FloatArray,
+    body: int,
+    sun: FloatArray,
+    surface: Surface,
+    cos_half_fov: float,
+    active: BoolArray,
+    credit: Credit,
+    scores: Scores,
+) -> None:
+    """Assign each point that is seen and lit permanently to the first deputy that sees it, and count the points.
+
+    A point q is above the horizon of a viewer at p when ``q . p >= R^2``, and in the field of view when the angle at
+    the viewer between q and the centre, towards which it points, is at most half the field of view. A viewer inside the
+    sphere sees nothing.
+
+    Args:
+        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
+        body: Index of the body that carries the points.
+        sun: Unit vectors to the sun [-], shape (N, 3).
+        surface: The points of the body, relative to its centre.
+        cos_half_fov: Cosine of half the field of view about the direction to the body [-]; -1 means no limit.
+        active: Whether a deputy's sensor is working, shape (N, D).
+        credit: Inspected points and their inspectors; read and written.
+        scores: Weights of the inspected points; read and written.
+    """
+    points, radius, light = surface.points, surface.radius, surface.light
+    inspector = credit.inspector
+    horizon = radius * radius
+    terminator = radius * light.threshold
+    axes, viewer = point_axes(points), np.empty(3)
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    for row in range(position.shape[0]):
+        sx, sy, sz = sun[row, 0], sun[row, 1], sun[row, 2]
+        before = credit.team_count[row]
+        for d in range(active.shape[1]):
+            if not active[row, d]:
+                continue
+            for axis in range(3):
+                viewer[axis] = position[row, d, axis] - position[row, body, axis]
+            vx, vy, vz = viewer[0], viewer[1], viewer[2]
+            range_squared = vx * vx + vy * vy + vz * vz
+            if range_squared < horizon:
+                continue
+            whole = _sees_whole_cap(range_squared, radius, cos_half_fov)
+            if whole and light.binary:
+                inspect_in_binary_light((vx, vy, vz), (sx, sy, sz), axes, horizon, terminator, d, inspector[row])
+                continue
+            for p in range(points.shape[0]):
+                if inspector[row, p] >= 0 or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
+                    continue
+                if not (whole or _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)):
+                    continue
+                if light.binary:
+                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
+                else:
+                    nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
+                    cosine = nx * sx + ny * sy + nz * sz
+                    shines = _well_lit(nx, ny, nz, cosine, viewer, sun[row], radius, light)
+                if shines:
+                    inspector[row, p] = d
+        count_inspected(row, credit)
+        if credit.team_count[row] != before:
+            sum_scores(row, credit, scores)

@@ -6,19 +6,16 @@ import math
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.derived import DerivedGlue, wrapped_input
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import DerivedGlue, ObserveSensor, wrapped_input
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 
@@ -224,14 +221,6 @@ class DotProductGlue(DerivedGlue):
         ObserveSensor(sensor="Sensor_Velocity"),
     )
     normalize_vectors: bool = False
-
-    @model_validator(mode="before")
-    @classmethod
-    def _two(cls, data: Any) -> Any:
-        wrapped = data.get("wrapped") if isinstance(data, dict) else None
-        if isinstance(wrapped, (list, tuple)) and len(wrapped) != 2:
-            raise ValueError(f"`wrapped` must be two glues, not {len(wrapped)}")
-        return data
 
     def names(self, parts: Parts) -> tuple[str, ...]:
         """Return ``a . b``."""

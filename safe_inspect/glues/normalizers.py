@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
+from safe_inspect.plugins.functor import build
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.types import FloatArray
 
@@ -154,3 +156,70 @@ class LinearNormalizer(Normalizer):
     def inverse(self, values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the values mapped from [minimum, maximum] onto [low, high]."""
         return np.asarray(low + (values - self.minimum) * ((high - low) / (self.maximum - self.minimum)))
+
+
+class Normalization(BaseModel):
+    """Configuration of a glue's normaliser.
+
+    Attributes:
+        enabled: If False, the values are not normalised.
+        normalizer: Name of the normaliser.
+        config: Fields of the normaliser.
+        output_units: A key of safe-autonomy-sims, which has no effect there or here.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    enabled: bool = True
+    normalizer: str = "LinearNormalizer"
+    config: dict[str, Any] = Field(default_factory=dict)
+    output_units: Any = None
+
+    @field_validator("config", mode="before")
+    @classmethod
+    def _nothing(cls, value: Any) -> Any:
+        return {} if value is None else value
+
+    @model_validator(mode="after")
+    def _check_normalizer(self) -> Normalization:
+        assert self.active is not None or not self.enabled  # a wrong normaliser is found now
+        return self
+
+    @cached_property
+    def active(self) -> Normalizer | None:
+        """The normaliser, or None if normalisation is disabled.
+
+        Raises:
+            PydanticCustomError: There is no such normaliser, or a field of it is wrong.
+        """
+        if not self.enabled:
+            return None
+        try:
+            made = build("normalizer", {"functor": self.normalizer, "config": self.config})
+        except PydanticCustomError as error:
+            problems = [
+                {**problem, "loc": ("normalizer",) if problem["loc"] == ("functor",) else problem["loc"]}
+                for problem in (error.context or {})["errors"]
+            ]
+            raise PydanticCustomError("functor", "the normaliser is wrong", {"errors": problems}) from None
+        assert isinstance(made, Normalizer)
+        return made
+
+    def bounds(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds of the normalised values.
+
+        Args:
+            low: Smallest values, shape (k,).
+            high: Largest values, shape (k,).
+
+        Raises:
+            ValueError: The normaliser does not match the values.
+        """
+        if self.active is None:
+            return low, high
+        self.active.check(len(low), low, high)
+        return self.active(low, low, high), self.active(high, low, high)
+
+    def affine(self, low: FloatArray, high: FloatArray) -> Affine | None:
+        """Return the map as by `Normalizer.affine`; without normalisation, the map that changes no number."""
+        return Affine() if self.active is None else self.active.affine(low, high)

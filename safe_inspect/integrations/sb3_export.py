@@ -18,7 +18,7 @@ from stable_baselines3.td3.policies import TD3Policy
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported
-from safe_inspect.experiments.export.net_layers import scaled_to
+from safe_inspect.experiments.export.onnx_graph import scaled_to
 from safe_inspect.experiments.export.perceptron import export_perceptron
 
 

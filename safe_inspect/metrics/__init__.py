@@ -6,21 +6,25 @@ from safe_inspect.metrics.coverage import (
     DeltaVToCoverage,
     InspectedFraction,
     InspectedPoints,
-    InspectedScore,
     OwnInspectedPoints,
     TimeToCoverage,
 )
 from safe_inspect.metrics.flight import (
+    ClosestDeputies,
     Decisions,
     DeltaV,
     EpisodeLength,
+    EstimateError,
+    Interventions,
+    InterventionShare,
+    InvalidActions,
     LargestRange,
     LargestSpeed,
+    ReadingError,
+    SmallestPhi,
     SmallestRange,
     ThrustingSteps,
 )
-from safe_inspect.metrics.safety import ClosestDeputies, Interventions, InterventionShare, InvalidActions, SmallestPhi
-from safe_inspect.metrics.sensing import EstimateError, ReadingError
 
 __all__ = [
     "BaseMetric",
@@ -33,7 +37,6 @@ __all__ = [
     "EstimateError",
     "InspectedFraction",
     "InspectedPoints",
-    "InspectedScore",
     "InterventionShare",
     "Interventions",
     "InvalidActions",

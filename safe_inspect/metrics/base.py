@@ -12,7 +12,7 @@ import numpy as np
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.team import TeamStep
 from safe_inspect.simulators.view import Step
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.types import FloatArray
 
 #: How the values of an episode's steps are reduced to one number.
 Reduce = Literal["sum", "max", "min", "last", "mean"]
@@ -78,18 +78,15 @@ class TeamMetric(BaseMetric):
         """Return a value for each environment, NaN where there is nothing to measure, shape (N,)."""
 
 
-def over_both(
-    step: Any, first: BoolArray, measure: Callable[[Any], FloatArray], choose: Callable[..., Any]
-) -> FloatArray:
+def over_both(step: Step | TeamStep, measure: Callable[[Any], FloatArray], choose: Callable[..., Any]) -> FloatArray:
     """Return a measure of the state after the step, in first steps combined with that of the initial state.
 
     Args:
-        step: An object with the fields `before` and `after`.
-        first: Rows in which this is the first step of the episode.
+        step: The step.
         measure: Function from a state to a value for each row.
         choose: ``np.minimum`` or ``np.maximum``, which combines the two values.
     """
-    after = measure(step.after)
+    after, first = measure(step.after), step.before.step == 0
     if not first.any():
         return after
     return np.where(first, choose(measure(step.before), after), after)

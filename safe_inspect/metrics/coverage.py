@@ -48,22 +48,6 @@ class InspectedFraction(TeamMetric):
         return np.asarray(step.after.state.points[name].team_count / step.after.world.points[name].num_points)
 
 
-class InspectedScore(TeamMetric):
-    """Total weight of the points that the team has inspected at the end of the episode [-]; shape (N,).
-
-    Attributes:
-        inspection_entity_name: Name of the body with the points.
-    """
-
-    reduce: ClassVar[Reduce] = "last"
-
-    inspection_entity_name: PointsName = "chief"
-
-    def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the score [-], shape (N,)."""
-        return np.asarray(step.after.state.points[self.inspection_entity_name].team_score)
-
-
 class TimeToCoverage(TeamMetric):
     """Time at which the team has inspected a fraction of the points, NaN if it does not; shape (N,).
 

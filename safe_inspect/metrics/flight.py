@@ -1,14 +1,20 @@
-"""Metrics of an agent's trajectory: fuel, time, range and speed."""
+"""Metrics of an agent's flight: fuel, time, range and speed, safety, and errors of what it knows."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.metrics.base import Metric, Reduce, over_both
+from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
+from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName
+from safe_inspect.rta.constraints import Constraint, RelativeState
+from safe_inspect.rta.constraints.ranges import ChiefCollision
+from safe_inspect.rta.constraints.sets import name_of
+from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import DECISION, REMAINING, Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce
@@ -65,10 +71,7 @@ class SmallestRange(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the distance [m], shape (R,)."""
-        return over_both(step, step.first, self._range, np.minimum)
-
-    def _range(self, view: View) -> FloatArray:
-        return lengths(view.position - view.entity_position(self.entity_name))
+        return over_both(step, lambda view: _range(view, self.entity_name), np.minimum)
 
 
 class LargestRange(Metric):
@@ -85,10 +88,11 @@ class LargestRange(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the distance [m], shape (R,)."""
-        return over_both(step, step.first, self._range, np.maximum)
+        return over_both(step, lambda view: _range(view, self.entity_name), np.maximum)
 
-    def _range(self, view: View) -> FloatArray:
-        return lengths(view.position - view.entity_position(self.entity_name))
+
+def _range(view: View, entity: str) -> FloatArray:
+    return lengths(view.position - view.entity_position(entity))
 
 
 class LargestSpeed(Metric):
@@ -105,10 +109,7 @@ class LargestSpeed(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the speed in the rotating Hill frame [m/s], shape (R,)."""
-        return over_both(step, step.first, self._speed, np.maximum)
-
-    def _speed(self, view: View) -> FloatArray:
-        return lengths(view.velocity - view.entity_velocity(self.entity_name))
+        return over_both(step, lambda view: lengths(view.velocity - view.entity_velocity(self.entity_name)), np.maximum)
 
 
 class ThrustingSteps(Metric):
@@ -126,3 +127,156 @@ class ThrustingSteps(Metric):
     def __call__(self, step: Step) -> FloatArray:
         """Return 1 in the rows with thrust, otherwise 0, shape (R,)."""
         return np.where(step.total_thrust > self.threshold, 1.0, 0.0)
+
+
+class Interventions(Metric):
+    """Number of steps in which a safety filter changed the agent's thrust; shape (R,)."""
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an intervention, otherwise 0, shape (R,)."""
+        return np.where(step.intervening, 1.0, 0.0)
+
+
+class InvalidActions(Metric):
+    """Number of steps with a NaN or infinite action, which the safety filter replaced by the backup's; shape (R,)."""
+
+    unit: ClassVar[str] = "steps"
+    reduce: ClassVar[Reduce] = "sum"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an invalid action, otherwise 0, shape (R,)."""
+        return np.zeros(step.after.num_rows) if step.invalid is None else np.where(step.invalid, 1.0, 0.0)
+
+
+class InterventionShare(Metric):
+    """Fraction of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
+
+    reduce: ClassVar[Reduce] = "mean"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return 1 in the rows with an intervention, otherwise 0, shape (R,)."""
+        return np.where(step.intervening, 1.0, 0.0)
+
+
+class SmallestPhi(Metric):
+    """Smallest plain safety quantity phi of a constraint, at the initial state and after the steps; shape (R,).
+
+    A value below 0 is a violation. Only the states matter, not whether a filter is enabled.
+
+    Attributes:
+        constraint: The constraint, with its parameters.
+        about: Body relative to which the constraint is evaluated: the ``chief``, or each of the other ``deputies``, of
+            which the smallest value counts; NaN if there are none.
+    """
+
+    reduce: ClassVar[Reduce] = "min"
+
+    constraint: functor_field("constraint") = Field(default_factory=ChiefCollision)  # type: ignore[valid-type]
+    about: Literal["chief", "deputies"] = "chief"
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """Unit of the constraint's quantity."""
+        return str(self.constraint.unit)  # type: ignore[attr-defined]
+
+    @property
+    def label(self) -> str:
+        """Name of the metric in tables."""
+        return f"phi {name_of(self.constraint)}"  # type: ignore[arg-type]
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return phi, shape (R,)."""
+        return over_both(step, self._phi, np.minimum)
+
+    def _phi(self, view: View) -> FloatArray:
+        constraint: Any = self.constraint
+        assert isinstance(constraint, Constraint), "the field only accepts constraints"
+        if self.about == "chief":
+            return constraint.phi(RelativeState(view.position, view.velocity, view.sun_angle))
+        least = np.full(view.num_rows, np.nan)
+        for other in range(view.world.num_deputies - 1):
+            position = view.position - view.others_position[:, other]
+            velocity = view.velocity - view.others_velocity[:, other]
+            least = np.fmin(least, constraint.phi(RelativeState(position, velocity, view.sun_angle)))
+        return least
+
+
+class ClosestDeputies(TeamMetric):
+    """Smallest distance between two deputies, at the initial state and after the steps, NaN with one; shape (N,)."""
+
+    unit: ClassVar[str] = "m"
+    reduce: ClassVar[Reduce] = "min"
+
+    def __call__(self, step: TeamStep) -> FloatArray:
+        """Return the smallest distance between two deputies [m], shape (N,)."""
+        return over_both(step, _closest, np.minimum)
+
+
+def _closest(team: TeamView) -> FloatArray:
+    if team.world.num_deputies < 2:
+        return np.full(team.num_envs, np.nan)
+    return np.asarray(team.distance.min(axis=1))
+
+
+class ReadingError(Metric):
+    """Mean length of the difference that a sensor's `errors` make to its reading after the steps; shape (R,).
+
+    Attributes:
+        sensor: Name of the sensor.
+        symbol: SI unit of the reading.
+    """
+
+    reduce: ClassVar[Reduce] = "mean"
+
+    sensor: str = Field(default="Sensor_Position", min_length=1)
+    symbol: str = "-"
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """Unit of the reading."""
+        return self.symbol or "-"
+
+    @property
+    def label(self) -> str:
+        """Name of the metric in tables."""
+        return f"error of {self.sensor}"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the length of the difference, NaN for agents without that sensor, shape (R,)."""
+        view = step.after
+        sensor: Any = view.group.sensors.get(self.sensor)
+        if sensor is None:
+            return np.full(view.num_rows, np.nan)
+        return lengths(view.reading(self.sensor) - getattr(sensor, "truth", sensor)(view))
+
+
+class EstimateError(Metric):
+    """Mean distance between the estimated and the real state after the steps, 0 without an estimate; shape (R,).
+
+    Attributes:
+        quantity: ``position`` [m] or ``velocity`` [m/s].
+    """
+
+    reduce: ClassVar[Reduce] = "mean"
+
+    quantity: Literal["position", "velocity"] = "position"
+
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """Unit of the quantity."""
+        return "m" if self.quantity == "position" else "m/s"
+
+    @property
+    def label(self) -> str:
+        """Name of the metric in tables."""
+        return f"error of estimated {self.quantity}"
+
+    def __call__(self, step: Step) -> FloatArray:
+        """Return the distance, shape (R,)."""
+        view, name = step.after, f"estimated_{self.quantity}"
+        if name not in view.world.offers.view:
+            return np.zeros(view.num_rows)
+        return lengths(getattr(view, name) - getattr(view, self.quantity))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,16 +23,11 @@ _BATCH = 4_000_000
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """A confidence interval, NaN if there are too few values."""
 
     low: float = math.nan
     high: float = math.nan
-
-    def as_list(self) -> list[float | None]:
-        """Return both ends for JSON; None for unknown ones."""
-        return [_plain(self.low), _plain(self.high)]
 
 
 class _Figures:
@@ -40,13 +35,13 @@ class _Figures:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain numbers for JSON; None for unknown ones."""
-        return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}  # type: ignore[arg-type]
+        return {item.name: for_json(getattr(self, item.name)) for item in fields(self)}  # type: ignore[arg-type]
 
 
-def _plain(value: Any) -> Any:
+def for_json(value: Any) -> Any:
     """Return a value for JSON: an interval as a list, and None for a number that is not finite."""
     if isinstance(value, Interval):
-        return value.as_list()
+        return [for_json(end) for end in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

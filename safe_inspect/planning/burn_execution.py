@@ -29,10 +29,8 @@ def _first_conflict(
             advance_steps(maps, j, now[d], coasting, after[d])
         for a in range(deputies):
             for b in range(a):
-                apart = 0.0
-                for axis in range(3):
-                    apart += (after[a, axis] - after[b, axis]) ** 2
-                if apart < clearance * clearance and found[b, a] == steps:
+                apart = after[a, :3] - after[b, :3]
+                if (apart * apart).sum() < clearance * clearance and found[b, a] == steps:
                     found[b, a] = j
     return found
 

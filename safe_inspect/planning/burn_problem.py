@@ -205,8 +205,6 @@ def evaluate_plan(
     start: IntArray,
     delta_v: FloatArray,
     stride: int,
-    left: IntArray,
-    lack: FloatArray,
     cutoff: float = math.inf,
 ) -> PlanOutcome:
     """Predict a plan and check every `stride`-th step.
@@ -218,15 +216,11 @@ def evaluate_plan(
         delta_v: Velocity change of each burn [m/s], shape (K, 3).
         stride: Number of steps between two checks. 1 is exact; a larger one misses points that are only seen in
             between.
-        left: Workspace of P numbers.
-        lack: Workspace of P numbers.
         cutoff: The evaluation stops as soon as the plan costs more than this [m/s]; the returned cost is then infinite.
     """
-    count = 0
-    for p in range(problem.needed.shape[0]):
-        if problem.needed[p]:
-            left[count], lack[count] = p, 2.0
-            count += 1
+    left = np.flatnonzero(problem.needed)  # the first `count` numbers are those of points that are not yet inspected
+    count = left.shape[0]
+    lack = np.full(count, 2.0)
     now, after, acceleration = state.copy(), state.copy(), np.zeros(3)
     horizon = problem.lit.shape[0] - 1
     points, radius = problem.points, problem.radius

@@ -64,8 +64,7 @@ def settle(problem: BurnProblem, start: IntArray, delta_v: FloatArray) -> None:
         i = k
         while i > 0 and start[i] < start[i - 1]:
             start[i], start[i - 1] = start[i - 1], start[i]
-            for axis in range(3):
-                delta_v[i, axis], delta_v[i - 1, axis] = delta_v[i - 1, axis], delta_v[i, axis]
+            delta_v[i], delta_v[i - 1] = delta_v[i - 1].copy(), delta_v[i].copy()
             i -= 1
     free = 0
     for k in range(start.shape[0]):
@@ -154,10 +153,9 @@ def _anneal(
     Returns:
         Result of the plan, checked at every step.
     """
-    left, lack = np.empty(problem.needed.shape[0], np.int64), np.empty(problem.needed.shape[0])
     restarts, iterations, stride = effort.restarts, effort.iterations, effort.stride
     settle(problem, start, delta_v)
-    best = evaluate_plan(problem, state, start, delta_v, 1, left, lack)
+    best = evaluate_plan(problem, state, start, delta_v, 1)
     old_start, old = start.copy(), delta_v.copy()
     new_start, new = start.copy(), delta_v.copy()
     for attempt in range(_PATIENCE * restarts):
@@ -166,7 +164,7 @@ def _anneal(
         if attempt > 0:
             _initial_plan(problem, seed, state, attempt - 1, old_start, old)
             settle(problem, old_start, old)
-        cost = evaluate_plan(problem, state, old_start, old, stride, left, lack).cost
+        cost = evaluate_plan(problem, state, old_start, old, stride).cost
         lowest = math.inf
         for iteration in range(iterations):
             new_start[:], new[:] = old_start, old
@@ -177,7 +175,7 @@ def _anneal(
             cutoff = accepted_cost(cost, _TEMPERATURE, iteration / iterations, next_uniform(seed))
             if np.abs(new).sum() > cutoff:  # the fuel alone exceeds the cutoff
                 continue
-            found = evaluate_plan(problem, state, new_start, new, stride, left, lack, cutoff)
+            found = evaluate_plan(problem, state, new_start, new, stride, cutoff)
             if found.cost > cutoff:
                 continue
             cost = found.cost
@@ -186,7 +184,7 @@ def _anneal(
             sound = best.left == 0 and best.breaches == 0
             if cost < best.cost or (cost < lowest and not sound):
                 lowest = cost
-                exact = evaluate_plan(problem, state, new_start, new, 1, left, lack)
+                exact = evaluate_plan(problem, state, new_start, new, 1)
                 if exact.cost < best.cost:
                     best = exact
                     start[:], delta_v[:] = new_start, new
@@ -213,8 +211,7 @@ def revise_plan(
         `PlanOutcome.left` and `PlanOutcome.end` of the plan.
     """
     settle(problem, start, delta_v)
-    left, lack = np.empty(problem.needed.shape[0], np.int64), np.empty(problem.needed.shape[0])
-    outcome = evaluate_plan(problem, state, start, delta_v, 1, left, lack)
+    outcome = evaluate_plan(problem, state, start, delta_v, 1)
     restarts = effort.restarts if outcome.left > 0 or outcome.breaches > 0 else 0
     for k in range(start.shape[0]):
         if start[k] == 0 and burn_steps(delta_v[k], problem.reach) > 0:

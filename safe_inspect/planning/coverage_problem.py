@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import StepMaps
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
-from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.points_view import PointsModel
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Distance of the two viewers for whom a point must be lit, if the light depends on the viewer [m].
@@ -123,9 +123,7 @@ def write_positions(
         position: Output: the positions.
     """
     response, last = problem.impulse_response, position.shape[0]
-    for j in range(0, last, stride):
-        for i in range(3):
-            position[j, i] = problem.coast[j, i]
+    position[::stride] = problem.coast[::stride]
     for k in range(count):
         x, y, z = delta_v[k, 0], delta_v[k, 1], delta_v[k, 2]
         first = (start[k] // stride + 1) * stride
@@ -190,16 +188,12 @@ def perturb_burns(
     k = int(next_uniform(seed) * count)
     begin, burn = start[k], delta_v[k].copy()
     if kind < 0.8:
-        share = next_uniform(seed)
-        for axis in range(3):
-            delta_v[k, axis] *= share
+        delta_v[k] *= next_uniform(seed)
     else:
         shift = 1.5 * 10.0 ** (2.3 * next_uniform(seed)) * (2.0 * next_uniform(seed) - 1.0)
         start[k] = max(0, min(problem.coast.shape[0] - 2, begin + int(shift)))
     write_positions(problem, start, delta_v, count, stride, position)
-    start[k] = begin
-    for axis in range(3):
-        delta_v[k, axis] = burn[axis]
+    start[k], delta_v[k] = begin, burn
 
 
 @njit

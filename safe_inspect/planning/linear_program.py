@@ -151,9 +151,7 @@ def _invert(matrix: FloatArray, inverse: FloatArray, size: int) -> bool:
         inverse: Output: the inverse, in the same rows and columns.
         size: Number of rows.
     """
-    for i in range(size):
-        for j in range(size):
-            inverse[i, j] = 1.0 if i == j else 0.0
+    inverse[:size, :size] = np.eye(size)
     for i in range(size):
         best = i
         for k in range(i + 1, size):

@@ -1,4 +1,4 @@
-"""Base classes of platforms, their parts and the properties of parts."""
+"""Base classes of platforms and their parts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from pydantic import Field, field_validator
 
 from safe_inspect.platforms.sensor_errors import SensorErrors
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators import Simulator, View, World
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
-from safe_inspect.simulators.simulator import Simulator
-from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import View
-from safe_inspect.simulators.world import World
-from safe_inspect.types import FloatArray
+from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import PositiveMass, to_si
 
 
@@ -44,23 +41,6 @@ class Platform(Plugin):
         Raises:
             ValueError: The parts do not match the platform.
         """
-
-
-class Property(Plugin):
-    """The quantity that a controller commands: its name, unit and limits."""
-
-    kind: ClassVar[str] = "property"
-
-    name: str = ""
-
-    @property
-    @abstractmethod
-    def limits(self) -> tuple[float, float]:
-        """Smallest and largest value, SI."""
-
-    @abstractmethod
-    def __call__(self, value: FloatArray) -> FloatArray:
-        """Return the value clipped to the limits, SI, same shape."""
 
 
 class Part(Plugin):

@@ -6,19 +6,20 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.errors import RegistryError, did_you_mean
-from safe_inspect.platforms.base import Controller, Property
-from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.plugins.registry import registry
+from safe_inspect.errors import did_you_mean
+from safe_inspect.platforms.base import Controller
+from safe_inspect.plugins.functor import misplaced
+from safe_inspect.plugins.plugin import StrictNumbers
+from safe_inspect.plugins.registry import own_name
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Force, Torque, factor, unit
 
 
-class ActuatorLimits(Plugin):
-    """Fields of a property with a smallest and a largest value.
+class ActuatorLimits(StrictNumbers):
+    """The quantity that a controller commands, with its smallest and largest value.
 
     Attributes:
         name: Label of the property.
@@ -26,6 +27,8 @@ class ActuatorLimits(Plugin):
         high: Largest value, in `units`.
         units: Unit of `low` and `high`.
     """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False)
 
     symbol: ClassVar[str]
 
@@ -62,7 +65,7 @@ class ActuatorLimits(Plugin):
         return np.minimum(np.maximum(value, low), high)
 
 
-class ThrustProp(ActuatorLimits, Property):
+class ThrustProp(ActuatorLimits):
     """Thrust along one axis.
 
     Attributes:
@@ -79,7 +82,7 @@ class ThrustProp(ActuatorLimits, Property):
     units: str = "N"
 
 
-class MomentProp(ActuatorLimits, Property):
+class MomentProp(ActuatorLimits):
     """Moment about one axis of the body.
 
     Attributes:
@@ -94,6 +97,10 @@ class MomentProp(ActuatorLimits, Property):
     low: Torque = -0.001
     high: Torque = 0.001
     units: str = "N m"
+
+
+#: The properties by the names that a configuration gives them.
+_PROPERTIES: dict[str, type[ActuatorLimits]] = {"ThrustProp": ThrustProp, "MomentProp": MomentProp}
 
 
 class RateController(Controller):
@@ -113,40 +120,36 @@ class RateController(Controller):
 
     @model_validator(mode="after")
     def _check_property(self) -> RateController:
-        commanded = self.commanded  # report a wrong property now instead of at the first step
-        if isinstance(commanded, ActuatorLimits) and (commanded.symbol == "N m") != (self.axis > 2):
-            right = "MomentProp" if self.axis > 2 else "ThrustProp"
-            text = f"the axis {self.axis} takes a {right}, not a {commanded.registered_name}"
-            message = f"{text}: 0 to 2 are the axes of thrusts, 3 to 5 those of moments"
-            problem = {"type": "value_error", "loc": ("axis",), "msg": message}
-            raise PydanticCustomError("functor", "the axis is wrong", {"errors": [problem]})
+        turns, commanded = self.axis > 2, self.commanded  # a wrong property is reported now
+        if (commanded.symbol == "N m") != turns:
+            right, given = "MomentProp" if turns else "ThrustProp", type(commanded).__name__
+            text = f"the axis {self.axis} takes a {right}, not a {given}"
+            raise misplaced([(("axis",), f"{text}: 0 to 2 are the axes of thrusts, 3 to 5 those of moments")])
         return self
 
     @cached_property
-    def commanded(self) -> Property:
+    def commanded(self) -> ActuatorLimits:
         """The property that is commanded.
 
         Raises:
             ValueError: There is no such property.
             PydanticCustomError: A field of the property is invalid.
         """
+        name = own_name(self.property_class)
+        if name not in _PROPERTIES:
+            raise ValueError(f"unknown property {self.property_class!r}; {did_you_mean(name, _PROPERTIES)}")
+        cls = _PROPERTIES[name]
         try:
-            cls = registry.get("property", self.property_class)
-        except RegistryError as error:
-            raise ValueError(str(error)) from None
-        try:
-            made = cls.model_validate(self.properties)
+            return cls.model_validate(self.properties)
         except ValidationError as error:
             problems: list[dict[str, Any]] = [
                 {**item, "loc": ("properties", *item["loc"])} for item in error.errors(include_url=False)
             ]
             for item in problems:
                 if item["type"] == "extra_forbidden":
-                    name = str(item["loc"][-1])
-                    item["msg"] = f"{cls.registered_name} has no field `{name}`; {did_you_mean(name, cls.model_fields)}"
+                    key = str(item["loc"][-1])
+                    item["msg"] = f"{name} has no field `{key}`; {did_you_mean(key, cls.model_fields)}"
             raise PydanticCustomError("functor", "the property is wrong", {"errors": problems}) from None
-        assert isinstance(made, Property)
-        return made
 
     @cached_property
     def limits(self) -> tuple[FloatArray, FloatArray]:

@@ -30,6 +30,16 @@ def copy_turned(orientation: FloatArray, vector: FloatArray, reading: FloatArray
 
 
 @njit
+def copy_axes(first: int, orientation: FloatArray, reading: FloatArray) -> None:
+    """Write two axes of a body as unit vectors, x and y (first = 0) or y and z (1), for its attitude, shape (6,)."""
+    one = rotated(orientation, 1.0 - first, float(first), 0.0)
+    other = rotated(orientation, 0.0, 1.0 - first, float(first))
+    for k in range(3):
+        reading[k] = min(max(one[k], -1.0), 1.0)
+        reading[3 + k] = min(max(other[k], -1.0), 1.0)
+
+
+@njit
 def copy_number(number: float, reading: FloatArray) -> None:
     """Write a number, shape (1,)."""
     reading[0] = float(number)

@@ -10,14 +10,14 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import closest_time, coast, grid
+from safe_inspect.dynamics.coasting import coast, extreme_time, grid
 from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence, nearest_velocities, scan_deputies
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators import Group, World
+from safe_inspect.simulators.row_terms.inputs import AgentParameter, EnvironmentArray, RowInput
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
 
@@ -46,30 +46,39 @@ def _closest_approach(
         if other == own:
             continue
         p, v = position[other] - position[own], velocity[other] - velocity[own]
-        time = closest_time(p, v, table, n)
+        time = extreme_time(p, v, table, n, 1.0)
         x, y, z, _, _, _, squared, _, _ = coast(p, v, time, math.sin(n * time), math.cos(n * time), n)
         if squared < least:
             least = squared
             relative[0], relative[1], relative[2] = x, y, z
 
 
-class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition"):
+class _Places(Plugin):
+    """Fields of the sensors of the nearest other deputies.
+
+    Attributes:
+        k: Number of places.
+        max_range: Range within which other deputies are detected, and the length of a position if there is none [m].
+    """
+
+    k: int = Field(default=2, ge=1, le=100)
+    max_range: PositiveLength = 1000.0
+
+    def inputs(self, world: World, group: Group) -> tuple[RowInput, ...]:
+        """Return the inputs of the row kernels, the positions last."""
+        return world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position")
+
+
+class NearestDeputiesPositionSensor(_Places, Sensor, name="Sensor_NearestDeputiesPosition"):
     """Positions of the `k` nearest other deputies relative to the agent [m], Hill frame, nearest first, shape (R, 3 k).
 
     A place without a deputy within `max_range` reads as if a deputy were `max_range` away, straight outward from the
     origin through the agent's own position (along +x at the origin itself). Such a reading says that no deputy is near
     or on the chief's side, and it turns with the scene. `Sensor_NearestDeputiesPresence` identifies these places
     unambiguously.
-
-    Attributes:
-        k: Number of places.
-        max_range: Range within which other deputies are detected, and the length of the reading if there is none [m].
     """
 
     symbol: ClassVar[str] = "m"
-
-    k: int = Field(default=2, ge=1, le=100)
-    max_range: PositiveLength = 1000.0
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -83,9 +92,7 @@ class NearestDeputiesPositionSensor(Sensor, name="Sensor_NearestDeputiesPosition
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the relative positions [m], Hill frame."""
-        return RowTerm(
-            nearest_positions, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
-        )
+        return RowTerm(nearest_positions, self.inputs(world, group))
 
 
 class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition"):
@@ -119,20 +126,13 @@ class ClosestApproachPositionSensor(Sensor, name="Sensor_ClosestApproachPosition
         return RowTerm(_closest_approach, (world.num_deputies, self.max_range, table, n, _own_index(group), *arrays))
 
 
-class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity"):
+class NearestDeputiesVelocitySensor(_Places, Sensor, name="Sensor_NearestDeputiesVelocity"):
     """Velocities of the `k` nearest other deputies relative to the agent [m/s], Hill frame, shape (R, 3 k).
 
     The places are those of `Sensor_NearestDeputiesPosition` with the same fields; a place without a deputy reads 0.
-
-    Attributes:
-        k: Number of places.
-        max_range: Range within which other deputies are detected [m].
     """
 
     symbol: ClassVar[str] = "m/s"
-
-    k: int = Field(default=2, ge=1, le=100)
-    max_range: PositiveLength = 1000.0
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -141,30 +141,13 @@ class NearestDeputiesVelocitySensor(Sensor, name="Sensor_NearestDeputiesVelocity
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the relative velocities [m/s], Hill frame."""
-        return RowTerm(
-            nearest_velocities,
-            (
-                world.num_deputies,
-                self.max_range,
-                _own_index(group),
-                EnvironmentArray("position"),
-                EnvironmentArray("velocity"),
-            ),
-        )
+        return RowTerm(nearest_velocities, (*self.inputs(world, group), EnvironmentArray("velocity")))
 
 
-class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence"):
-    """Presence of a deputy in each of the `k` places of `Sensor_NearestDeputiesPosition`: 1, else 0 [-], shape (R, k).
-
-    Attributes:
-        k: Number of places.
-        max_range: Range within which other deputies are detected [m].
-    """
+class NearestDeputiesPresenceSensor(_Places, Sensor, name="Sensor_NearestDeputiesPresence"):
+    """1 for each place of `Sensor_NearestDeputiesPosition` with a deputy, else 0 [-], shape (R, k)."""
 
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
-
-    k: int = Field(default=2, ge=1, le=100)
-    max_range: PositiveLength = 1000.0
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -173,9 +156,7 @@ class NearestDeputiesPresenceSensor(Sensor, name="Sensor_NearestDeputiesPresence
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes 1 for each place with a deputy, else 0."""
-        return RowTerm(
-            nearest_presence, (world.num_deputies, self.max_range, _own_index(group), EnvironmentArray("position"))
-        )
+        return RowTerm(nearest_presence, self.inputs(world, group))
 
 
 class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):

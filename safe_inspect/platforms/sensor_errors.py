@@ -12,13 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.platforms.copies import copy_vector
-from safe_inspect.random.balls import normal_at, uniform_at
-from safe_inspect.random.splitmix import mix
-from safe_inspect.simulators.row_terms.inputs import SensorMemory
-from safe_inspect.simulators.row_terms.loops import RowTerm
+from safe_inspect.random.splitmix import mix, normal_at, uniform_at
+from safe_inspect.simulators import Group, View, World
+from safe_inspect.simulators.row_terms import RowTerm, SensorMemory
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.simulators.view import Group, View
-from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 _READING, _BIAS, _LATE = "measured_reading", "measured_bias", "measured_late"

@@ -7,17 +7,7 @@ from safe_inspect.plugins.plugin import (
     PlatformName,
     Plugin,
     PointsName,
-    Reference,
     SensorName,
 )
 
-__all__ = [
-    "ControllerName",
-    "DoneName",
-    "EntityName",
-    "PlatformName",
-    "Plugin",
-    "PointsName",
-    "Reference",
-    "SensorName",
-]
+__all__ = ["ControllerName", "DoneName", "EntityName", "PlatformName", "Plugin", "PointsName", "SensorName"]

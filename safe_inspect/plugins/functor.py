@@ -7,7 +7,7 @@ nested to any depth; each error has the full path of its key.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
@@ -36,9 +36,10 @@ class Named(Generic[T]):
     functor: T
 
 
-def name_key(kind: str) -> str:
-    """Return the key that contains the name of a plugin of that kind in a configuration."""
-    return NAME_KEYS.get(kind, "functor")
+def name_key(kind: str, given: Container[Any] = ()) -> str:
+    """Return the key that contains the name of a plugin of that kind; ``functor`` may be given instead of any other."""
+    key = NAME_KEYS.get(kind, "functor")
+    return "functor" if "functor" in given and key not in given else key
 
 
 def build(kind: str, value: Any) -> Plugin:
@@ -54,13 +55,13 @@ def build(kind: str, value: Any) -> Plugin:
     """
     if isinstance(value, Plugin):
         if value.kind != kind:
-            raise _error(f"expected a {kind}, got the {value.kind} {value.registered_name}")
+            raise misplaced([((), f"expected a {kind}, got the {value.kind} {value.registered_name}")])
         return value
     if isinstance(value, str):
         value = {name_key(kind): value}
     if not isinstance(value, Mapping):
-        raise _error(f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")
-    key = name_key(kind)
+        raise misplaced([((), f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")])
+    key = name_key(kind, value)
     known = {key, "name", "config", "wrapped"}
     problems = []
     cls: type[Plugin] | None = None
@@ -190,7 +191,3 @@ def _located(problem: Any, cls: type[Plugin]) -> dict[str, Any]:
 
 def _problem(loc: tuple[int | str, ...], message: str) -> dict[str, Any]:
     return {"type": "functor_key", "loc": loc, "msg": message}
-
-
-def _error(message: str) -> PydanticCustomError:
-    return PydanticCustomError("functor", "the functor is wrong", {"errors": [_problem((), message)]})

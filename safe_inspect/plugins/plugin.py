@@ -8,13 +8,46 @@ wrap it instead of subclassing it.
 from __future__ import annotations
 
 import inspect
+import types
+import typing
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
+from pydantic_core import PydanticKnownError
 
 from safe_inspect.plugins.registry import registry
-from safe_inspect.plugins.strict_numbers import StrictNumbers
+
+
+class StrictNumbers(BaseModel):
+    """Base of models that reject ``true`` for a number. YAML also reads ``yes`` and ``on`` as ``true``."""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool) or (isinstance(value, list | tuple) and any(isinstance(x, bool) for x in value)):
+            field = cls.model_fields[str(info.field_name)]
+            converts = any(isinstance(mark, BeforeValidator) for mark in field.metadata)
+            found = set() if converts else set(_scalars(field.annotation))
+            if bool not in found and found & {int, float}:
+                raise PydanticKnownError("float_type" if float in found else "int_type")
+        return value
+
+
+def _scalars(annotation: Any) -> Iterator[Any]:
+    """Yield the types of the values that an annotation accepts, including those of items."""
+    origin = typing.get_origin(annotation)
+    if origin is typing.Annotated:
+        base, *marks = typing.get_args(annotation)
+        if not any(isinstance(mark, BeforeValidator) for mark in marks):  # such a type checks its values itself
+            yield from _scalars(base)
+    elif origin in (typing.Union, types.UnionType, tuple, list):
+        for member in typing.get_args(annotation):
+            yield from _scalars(member)
+    else:
+        yield annotation
+
 
 _PACKAGE = "safe_inspect."
 _BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -75,7 +108,8 @@ class Plugin(StrictNumbers):
                     f"{cls.__qualname__} extends the plugin {parent.__qualname__}, which is final; "
                     f"put an instance in a field and call it instead"
                 )
-        if cls.kind and not inspect.isabstract(cls) and "__call__" in _methods(cls):
+        calls = any("__call__" in vars(parent) for parent in cls.__mro__)
+        if cls.kind and calls and not inspect.isabstract(cls):
             cls.registered_name = name or cls.__name__
             registry.add(cls.kind, cls.registered_name, cls)
 
@@ -100,20 +134,7 @@ class Plugin(StrictNumbers):
     @classmethod
     def references(cls) -> dict[str, str]:
         """Return the fields that refer to objects of the environment: field name to kind of object."""
-        return {
-            field: mark.kind
-            for field, info in cls.model_fields.items()
-            for mark in _marks(info)
-        }  # fmt: skip
-
-
-def _methods(cls: type) -> set[str]:
-    return {
-        name
-        for parent in cls.__mro__
-        if parent not in (object, BaseModel, StrictNumbers, Plugin)
-        for name in vars(parent)
-    }
+        return {field: mark.kind for field, info in cls.model_fields.items() for mark in _marks(info)}
 
 
 def _check_methods(cls: type) -> None:

@@ -2,7 +2,7 @@
 
 Defining a plugin class registers it (see `safe_inspect.plugins.plugin`). A name in a
 configuration is looked up in this order: as a path of safe-autonomy-sims or CoRL
-(`safe_inspect.plugins.aliases`), as a registered name, and as a dotted path
+(see `own_name`), as a registered name, and as a dotted path
 ``package.module.Class``, which is imported. Other distributions list their modules in the
 entry-point group ``safe_inspect.plugins``; they are imported at the first look-up.
 """
@@ -20,12 +20,11 @@ from types import ModuleType
 from typing import Any
 
 from safe_inspect.errors import RegistryError, did_you_mean
-from safe_inspect.plugins.aliases import ALIASES
 
 ENTRY_POINT_GROUP = "safe_inspect.plugins"
 
-#: What to do about a module that does not exist.
-_NO_MODULE = "correct the name, install the module, or start the command in the folder that contains it"
+#: Packages whose class paths mean this package's classes of the same names.
+PEERS = ("corl", "safe_autonomy_sims", "safe_autonomy_simulation", "safe_autonomy_dynamics")
 
 #: The modules that define the built-in plugins. They are imported at the first look-up.
 BUILT_IN = (
@@ -85,7 +84,7 @@ class Registry:
         Raises:
             RegistryError: There is no such class; the message suggests the most similar names.
         """
-        name = ALIASES.get(name, name)
+        given, name = name, own_name(name)
         found = self._classes.get(kind, {}).get(name)
         if found is not None:  # before loading: a plugin may be looked up while other built-in modules are imported
             return found
@@ -96,13 +95,11 @@ class Registry:
         head, dot, tail = name.rpartition(".")
         if not dot:
             hint = self._suggest(kind, name)
+            if given != name:
+                what = f"a path of safe-autonomy-sims or CoRL without a matching {kind} in this package"
+                raise RegistryError(f"{given!r} is {what}; {hint}")
             own = f"; for a class of your own give its module too, as in my_module.{name}"
             raise RegistryError(f"unknown {kind} {name!r}; {hint}{own if hint.startswith('known') else ''}")
-        if head.split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
-            raise RegistryError(
-                f"{name!r} is a path of safe-autonomy-sims or CoRL without a matching {kind} in this package; "
-                f"{self._suggest(kind, tail)}"
-            )
         return self._import(kind, name, head, tail)
 
     def _import(self, kind: str, name: str, module: str, attribute: str) -> type[Any]:
@@ -156,6 +153,15 @@ class Registry:
                 warnings.warn(f"{what}: {cause_of(error)}; fix or uninstall it", RuntimeWarning, stacklevel=2)
 
 
+def own_name(name: str) -> str:
+    """Return the last part of a class path of CoRL or safe-autonomy-sims; other names are unchanged."""
+    head, dot, rest = name.partition(".")
+    if not dot or head not in PEERS:
+        return name
+    last = rest.rpartition(".")[2]
+    return "Sun" if last == "SunEntity" else last
+
+
 def import_user_module(name: str, wanted: str = "") -> ModuleType:
     """Import and return a module that a configuration names.
 
@@ -172,7 +178,8 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and f"{name}.".startswith(f"{error.name}."):
-            raise RegistryError(f"no module {name!r}{wanted or f'; {_NO_MODULE}'}") from None
+            remedy = "; correct the name, install the module, or start the command in the folder that contains it"
+            raise RegistryError(f"no module {name!r}{wanted or remedy}") from None
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
     except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error

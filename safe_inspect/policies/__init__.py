@@ -1,9 +1,9 @@
 """Scripted policies, which control deputies without training. Importing this package registers them."""
 
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
-from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.docking import DockingAutopilot, DockingController
 from safe_inspect.policies.inspector import NaturalMotionInspector, SixDofInspector
+from safe_inspect.policies.open_loop import RandomThrust, ZeroThrust
 
 #: Deprecated name of `SCRIPTED_POLICY`; it will be removed in the next release.
 PILOT = SCRIPTED_POLICY

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, cross_rows, dot_rows, shortened
+from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, dot_rows, shortened
 from safe_inspect.simulators.view import View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
@@ -88,11 +88,11 @@ class DockingController(ScriptedPolicy):
         direction = np.cos(step) * p + np.sin(step) * across
         height = reach + (_STANDOFF - reach) * np.minimum(angle / _CORRIDOR, 1.0)
         reference = np.where((angle < _CORRIDOR)[:, None], n, direction) * height[:, None]
-        reference_velocity = cross_rows(turn, reference)
+        reference_velocity = np.cross(turn, reference)
         to_reference = reference - position
         pull = self.frequency / 2.0 * to_reference
         pull *= np.minimum(1.0, _APPROACH_SPEED / np.maximum(lengths(pull), 1e-9))[:, None]
         gain = 2.0 * self.frequency
-        wanted = cross_rows(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
+        wanted = np.cross(turn, reference_velocity) + gain * (pull + reference_velocity - velocity)
         mass = view.mass[:, None]
         return np.asarray(np.clip(mass * wanted, limits.low, limits.high))

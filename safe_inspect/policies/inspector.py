@@ -19,16 +19,9 @@ from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
 from safe_inspect.planning.coverage_problem import lit_from_all_sides, sight_range
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName, Plugin, PointsName
-from safe_inspect.policies.base import (
-    SCRIPTED_POLICY,
-    ScriptedPolicy,
-    ThrustLimits,
-    cross_rows,
-    dot_rows,
-    shortened,
-)
+from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, dot_rows, shortened
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.simulators.resets.attitudes import require_length
+from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.view import View
 from safe_inspect.simulators.world import World
@@ -274,7 +267,7 @@ class SixDofInspector(ScriptedPolicy):
         axis = np.array(self.initial_sensor_unit_vec) / np.linalg.norm(self.initial_sensor_unit_vec)
         least = np.eye(3)[np.abs(axis).argmin()]
         across = np.cross(axis, least) / np.linalg.norm(np.cross(axis, least))
-        normal = cross_rows(np.broadcast_to(axis, way.shape), way)
+        normal = np.cross(np.broadcast_to(axis, way.shape), way)
         size, along = lengths(normal), dot_rows(np.broadcast_to(axis, way.shape), way)
         straight = size < 1e-12  # ahead or exactly behind: use any perpendicular axis
         unit = np.where(straight[:, None], across, normal / np.where(straight, 1.0, size)[:, None])
@@ -283,4 +276,4 @@ class SixDofInspector(ScriptedPolicy):
 
 def _turn_of(way: FloatArray, rate: FloatArray) -> FloatArray:
     """Return the angular velocity of a line of sight, Hill frame [rad/s], shape (R, 3)."""
-    return np.asarray(cross_rows(way, rate) / np.maximum(dot_rows(way, way), 1e-12)[:, None])
+    return np.asarray(np.cross(way, rate) / np.maximum(dot_rows(way, way), 1e-12)[:, None])

@@ -10,8 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from safe_inspect.config.loading.includes import places
-from safe_inspect.config.loading.loader import import_plugins, load
+from safe_inspect.config.loading.loader import import_plugins, load, places
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate, with_value
 from safe_inspect.config.loading.merge import merge
 from safe_inspect.config.messages.report import validated
@@ -69,7 +68,7 @@ class RendezvousConfig(Model):
         mission: Rates, guards and time limits.
         chaser: The chaser.
         target: The target's shape, inertia and mating point.
-        tumble: The target's initial attitude and angular velocity.
+        tumble: The target's initial attitude and angular velocity; see `TumbleParameter`.
         sensors: The sensors of the chaser.
         estimator: Estimates the states of chaser and target from the measurements.
         planner: Plans the approach.
@@ -82,20 +81,12 @@ class RendezvousConfig(Model):
     mission: MissionConfig = MissionConfig()
     chaser: ChaserConfig = ChaserConfig()
     target: _plugin("target_model", "EnvisatTarget")  # type: ignore[valid-type]
-    tumble: _plugin("tumble", "TriAxialTumble")  # type: ignore[valid-type]
+    tumble: _plugin("parameter", "TriAxialTumble")  # type: ignore[valid-type]
     sensors: SensorsConfig = SensorsConfig()
     estimator: _plugin("state_estimator", "MeasuredState")  # type: ignore[valid-type]
     planner: _plugin("approach_planner", "SplineSCPPlanner")  # type: ignore[valid-type]
     bound: ConformalBound = ConformalBound()
     tracker: _plugin("tracker", "TubeTracker")  # type: ignore[valid-type]
-
-    @model_validator(mode="after")
-    def _check_orbit(self) -> RendezvousConfig:
-        if self.mission.mean_motion and self.chaser.limits.keep_in is None:
-            raise ValueError(
-                "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
-            )
-        return self
 
     @model_validator(mode="after")
     def _check_parts(self) -> RendezvousConfig:
@@ -113,6 +104,9 @@ class RendezvousConfig(Model):
             )
             problems.append((("sensors", "imu_ticks"), message))
         box, position = self.chaser.limits.keep_in, self.chaser.position
+        if box is None and mission.mean_motion:
+            message = "on an orbit (mission.mean_motion > 0) chaser.limits.keep_in must be given: it bounds the tide"
+            problems.append((("chaser", "limits", "keep_in"), message))
         if box is not None and any(abs(p) > half for p, half in zip(position, box, strict=True)):
             message = (
                 f"the start is outside of the keep-in box, |x| <= {box[0]:g}, |y| <= {box[1]:g}, |z| <= {box[2]:g} m; "

@@ -6,9 +6,8 @@ of each kind.
 
 from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import TrackerOutput
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.front_end.base import FrontEndContext

@@ -11,7 +11,8 @@ from safe_inspect.rendezvous.front_end.submap import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.planner.approach import ApproachPlanner, SplineSCPPlanner
 from safe_inspect.rendezvous.target.boxes import BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
-from safe_inspect.rendezvous.target.model import RandomTumble, TargetModel, TriAxialTumble, Tumble
+from safe_inspect.rendezvous.target.model import TargetModel
+from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble, TriAxialTumble
 
 __all__ = [
     "ApproachPlanner",
@@ -32,5 +33,4 @@ __all__ = [
     "Tracker",
     "TriAxialTumble",
     "TubeTracker",
-    "Tumble",
 ]

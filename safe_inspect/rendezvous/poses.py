@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,17 +21,6 @@ def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, translation
     return matrix
-
-
-def check_unit(name: str, quaternion: Sequence[float]) -> None:
-    """Check that a quaternion [x, y, z, w] is a unit quaternion.
-
-    Raises:
-        ValueError: The length of the quaternion is not 1.
-    """
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > 1e-3:
-        raise ValueError(f"{name} is not a unit quaternion [x, y, z, w]: its length is {length:.6g}")
 
 
 def inverse(transform: FloatArray) -> FloatArray:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
+from safe_inspect.compiling import Kernel, generate
+from safe_inspect.simulators.row_terms.inputs import RowInput
+from safe_inspect.simulators.row_terms.loops import RowTerm
 from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray
@@ -22,3 +26,15 @@ class Reward(RowPlugin):
     def __call__(self, step: Step) -> FloatArray:
         """Return the reward of each row [-], shape (R,)."""
         return self.call_rows(step)
+
+
+def paid_if(condition: Kernel[..., bool], scale: float, inputs: Sequence[RowInput]) -> RowTerm:
+    """Return the row term that pays `scale` where a condition is true, otherwise 0.
+
+    Args:
+        condition: The row kernel of the condition.
+        scale: The reward [-].
+        inputs: The inputs of the condition.
+    """
+    source = "def paid(scale, *inputs):\n    return scale if condition(*inputs) else 0.0\n"
+    return RowTerm(generate("paid", source, {"condition": condition}), (scale, *inputs))

@@ -1,4 +1,4 @@
-"""Rewards for docking with a chief that does not tumble."""
+"""Rewards for docking with a chief that does not tumble, and with a tumbling target."""
 
 from __future__ import annotations
 
@@ -10,15 +10,23 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.rewards.base import Reward
+from safe_inspect.rewards.base import Reward, paid_if
+from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, range_inputs
 from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
-from safe_inspect.tasks.docking.region import DOCKED, TOO_FAST, docking_outcome
-from safe_inspect.tasks.docking.speed_limit import DockingRegion, ReferenceSpeedLimit, own_motion, speed_excess
+from safe_inspect.tasks.docking.speed_limit import (
+    DOCKED,
+    TOO_FAST,
+    DockingRegion,
+    ReferenceSensors,
+    SpeedLimit,
+    docking_outcome,
+    own_motion,
+    speed_excess,
+)
+from safe_inspect.tasks.rendezvous.mating import docking_error, docking_inputs, is_docked, is_in_contact
 from safe_inspect.types import FloatArray
-from safe_inspect.units import PositiveDuration, PositiveLength
+from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, PositiveSpeed
 
 
 @njit
@@ -33,15 +41,8 @@ def _approach(factors: FloatArray, step: int, before: FloatArray, after: FloatAr
 
 
 @njit
-def _violation(
-    line: FloatArray,
-    scale: float,
-    bias: float,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> float:
+def _violation(line: FloatArray, scale: float, bias: float, *motion: FloatArray) -> float:
+    position, velocity, reference, reference_velocity = motion
     excess = speed_excess(line, distance(position, reference), distance(velocity, reference_velocity))
     return scale * excess + bias if excess > 0.0 else 0.0
 
@@ -76,7 +77,7 @@ class DockingDistanceExponentialChangeReward(Reward):
         return RowTerm(_approach, (factors, *inputs))
 
 
-class DockingVelocityConstraintReward(ReferenceSpeedLimit, Reward):
+class DockingVelocityConstraintReward(ReferenceSensors, SpeedLimit, Reward):
     """Pay scale (speed - L) + bias in a step that ends with a speed above the limit L; shape (R,).
 
     Attributes:
@@ -94,43 +95,19 @@ class DockingVelocityConstraintReward(ReferenceSpeedLimit, Reward):
 
 
 @njit
-def _success(
-    rule: FloatArray,
-    pays: FloatArray,
-    time: float,
-    position_before: FloatArray,
-    velocity_before: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> float:
-    outcome = docking_outcome(rule, position_before, velocity_before, position, velocity, reference, reference_velocity)
-    reward: float = pays[0] * (1.0 + (1.0 - time / pays[1])) if outcome == DOCKED else 0.0
+def _success(rule: FloatArray, pays: FloatArray, time: float, *motion: FloatArray) -> float:
+    reward: float = pays[0] * (1.0 + (1.0 - time / pays[1])) if docking_outcome(rule, *motion) == DOCKED else 0.0
     return reward
 
 
 @njit
-def _failure(
-    rule: FloatArray,
-    pays: FloatArray,
-    time: float,
-    position_before: FloatArray,
-    velocity_before: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    reference: FloatArray,
-    reference_velocity: FloatArray,
-) -> float:
+def _failure(rule: FloatArray, pays: FloatArray, time: float, *motion: FloatArray) -> float:
     if time >= pays[3]:
         found: float = pays[0]
-    elif distance(position, reference) >= pays[4]:
+    elif distance(motion[2], motion[4]) >= pays[4]:
         found = pays[1]
     else:
-        outcome = docking_outcome(
-            rule, position_before, velocity_before, position, velocity, reference, reference_velocity
-        )
-        found = pays[2] if outcome == TOO_FAST else 0.0
+        found = pays[2] if docking_outcome(rule, *motion) == TOO_FAST else 0.0
     return found
 
 
@@ -174,3 +151,62 @@ class DockingFailureReward(DockingRegion, Reward):
             [self.timeout_reward, self.distance_reward, self.crash_reward, self.timeout, self.max_goal_distance]
         )
         return RowTerm(_failure, (self.rule(world), pays, EnvironmentArray("time"), *self.inputs()))
+
+
+@njit
+def _progress(scale: float, time_scale: float, *motion: FloatArray) -> float:
+    return scale * (docking_error(time_scale, *motion[:4]) - docking_error(time_scale, *motion[4:]))
+
+
+class MatingProgressReward(Reward):
+    """Pay `scale` for every metre by which the docking error ``sqrt(|dp|^2 + (T |dv|)^2)`` decreases; shape (R,).
+
+    ``dp`` and ``dv`` are position and velocity relative to the mating point. The sum over an episode depends only on
+    its first and its last state.
+
+    Attributes:
+        scale: Reward for one metre [1/m].
+        time_scale: T, the weight of the relative velocity in the error [s].
+    """
+
+    scale: float = 1.0
+    time_scale: NonNegativeDuration = 5.0
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the row kernel: scale times the decrease of the docking error."""
+        motion = *docking_inputs(before=True), *docking_inputs()
+        return RowTerm(_progress, (self.scale, self.time_scale, *motion))
+
+
+class MatingSuccessReward(Reward):
+    """Pay `scale` in a step at the end of which the chaser is docked; shape (R,).
+
+    Attributes:
+        scale: Reward for docking [-].
+        reach: Largest distance from the mating point [m].
+        speed: Largest speed relative to the mating point [m/s].
+    """
+
+    scale: float = 1.0
+    reach: PositiveLength = 0.03
+    speed: PositiveSpeed = 0.01
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the row kernel: scale if the chaser is docked, otherwise 0."""
+        return paid_if(is_docked, self.scale, (self.reach, self.speed, *docking_inputs()))
+
+
+class ContactReward(Reward):
+    """Pay `scale` in a step at the end of which the chaser touches the target; shape (R,).
+
+    Attributes:
+        scale: Reward for a contact, a negative number [-].
+        radius: Radius of the chaser [m].
+    """
+
+    scale: float = Field(default=-1.0, le=0)
+    radius: PositiveLength = 0.25
+
+    def row(self, world: World, group: Group) -> RowTerm:
+        """Return the row kernel: scale if the clearance is below the radius, otherwise 0."""
+        return paid_if(is_in_contact, self.scale, (self.radius, OwnArray("clearance")))

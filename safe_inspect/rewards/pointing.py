@@ -12,11 +12,9 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.resets.attitudes import require_length
-from safe_inspect.simulators.row_terms.inputs import BodyArray, OwnArray
-from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Group, World
+from safe_inspect.simulators.resets.initializers import require_length
+from safe_inspect.simulators.row_terms import BodyArray, OwnArray, RowTerm
 from safe_inspect.types import FloatArray
 
 

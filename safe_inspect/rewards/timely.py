@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 
-from safe_inspect.compiling import Kernel, generate, njit
+from safe_inspect.compiling import njit
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import DoneName
-from safe_inspect.rewards.base import Reward
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray
-from safe_inspect.simulators.row_terms.loops import RowTerm
-from safe_inspect.simulators.view import Group, Step
-from safe_inspect.simulators.world import World
+from safe_inspect.rewards.base import Reward, paid_if
+from safe_inspect.simulators import Group, Step, World
+from safe_inspect.simulators.row_terms import EnvironmentArray, RowTerm
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration
 
@@ -39,15 +36,6 @@ class LiveTimestepReward(Reward):
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: the reward of the step."""
         return RowTerm(_alive, (self.step_reward, self.max_time_rewarded, EnvironmentArray("time")))
-
-
-@functools.cache
-def _paid(done: Kernel[..., bool], count: int) -> Kernel[..., float]:
-    """Return a row kernel that pays if a done function's kernel returns True."""
-    inputs = ", ".join(f"a{index}" for index in range(count))
-    return generate(
-        "paid", f"def paid(scale, {inputs}):\n    return scale if done({inputs}) else 0.0\n", {"done": done}
-    )
 
 
 class WinLoseDoneReward(Reward):
@@ -86,7 +74,7 @@ class WinLoseDoneReward(Reward):
         """Return the row kernel: scale if the done function fires, otherwise 0."""
         done: Any = self.done
         term = done.row(world, group)
-        return None if term is None else RowTerm(_paid(term.kernel, len(term.inputs)), (self.scale, *term.inputs))
+        return None if term is None else paid_if(term.kernel, self.scale, term.inputs)
 
     def __call__(self, step: Step) -> FloatArray:
         """Return scale where the done function fires, otherwise 0, shape (R,)."""

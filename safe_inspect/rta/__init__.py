@@ -1,11 +1,9 @@
 """Run-time assurance: constraints, filters that enforce them, and the rejection sampler. Importing registers them."""
 
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.docking import RTAGlueCWHDocking3d
-from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
+from safe_inspect.rta.inspection import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
-from safe_inspect.rta.team_inspection import RTACWHInspectionTeam
 
 __all__ = [
     "RTACWHInspectionTeam",

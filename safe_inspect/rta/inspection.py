@@ -1,9 +1,9 @@
-"""Safety glue of inspection by one deputy, which can also avoid other deputies."""
+"""Safety glue of inspection by one deputy, which can also avoid other deputies, and safety filter of a team."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Literal
 
@@ -12,27 +12,20 @@ from pydantic import model_validator
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import PluginValueError
-from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
+from safe_inspect.rta.base import Filtered, SafetyGlue, TeamFiltered, TeamSafety, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
-from safe_inspect.rta.constraints.certified import NAMES
-from safe_inspect.rta.constraints.parameters import ConstraintParameters, TaskParameters
-from safe_inspect.rta.constraints.sets import ConstraintEntry, name_of
-from safe_inspect.rta.filters import (
-    BackupFilter,
-    ContinuousFilter,
-    DecentralisedFilter,
-    SimplexFilter,
-    SimplexMemory,
-    TubeFilter,
-)
-from safe_inspect.rta.filters.backup.safety_filter import Intervention
-from safe_inspect.rta.filters.probes import SAFE_DRAWS, safe_states
-from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS
-from safe_inspect.rta.filters.tube.safety_filter import MEMORY
+from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry, name_of
+from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter, Intervention
+from safe_inspect.rta.filters.base import SAFE_DRAWS, differs, safe_states
+from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray
 from safe_inspect.units import (
     PositiveLength,
     PositiveSpeed,
@@ -64,7 +57,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             deputy coasts. None: no limit.
         recoverable: Whether `refusals` also rejects states without a backup plan.
         disturbance: Bounds of the disturbances under which the method ``backup`` enforces the constraints, for a single
-            deputy; see `TubeFilter`. None: the motion is exactly that of the model.
+            deputy; see `BackupFilter`. None: the motion is exactly that of the model.
     """
 
     state_observation_names: tuple[str, ...] = ()
@@ -103,19 +96,15 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return self
 
     @cached_property
-    def _given(self) -> ConstraintParameters:
-        return ConstraintParameters.of({name: getattr(self, name) for name in TaskParameters.model_fields})
-
-    @cached_property
     def _constraints(self) -> dict[str, Constraint]:
-        return constraint_set(self._given, self._names)
+        return constraint_set(self.agreeing, self._names)
 
     @property
     def kept(self) -> dict[str, Constraint]:
         """The constraints that the filter guarantees, by name; none with the method ``continuous``."""
         if self.method == "continuous":
             return {}
-        return {**self._constraints, **constraint_set(self._given, self._pairs, self.deputy_radius)}
+        return {**self._constraints, **constraint_set(self.agreeing, self._pairs, self.deputy_radius)}
 
     @property
     def _names(self) -> tuple[str | Constraint, ...]:
@@ -128,33 +117,28 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """Filter of the method `backup`, with these parameters and constraints."""
-        if self.disturbance is not None:
-            return TubeFilter(self._given, self._names, self.disturbance, self.intervention)
         several = self.method != "simplex"  # The delta-v reserve of that method assumes plans of one hold.
-        return BackupFilter(self._given, self._names, self.intervention, several)
+        return BackupFilter(self.agreeing, self._names, self.intervention, several, self.disturbance)
 
     @cached_property
-    def _decentralised(self) -> DecentralisedFilter:
-        return DecentralisedFilter(self._given, self._names, self._pairs, self.deputy_radius)
+    def _decentralised(self) -> TeamFilter:
+        return TeamFilter(self.agreeing, (*self._names, *self._pairs), self.deputy_radius)
 
     @cached_property
     def _continuous(self) -> ContinuousFilter:
-        return ContinuousFilter(self._given, self._names, self.infeasible)
+        return ContinuousFilter(self.agreeing, self._names, self.infeasible)
 
     @cached_property
     def _simplex(self) -> SimplexFilter:
         limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
-        return SimplexFilter(self._given, self._names, limit)
+        return SimplexFilter(self.agreeing, self._names, limit)
 
     def recoverable_share(self) -> tuple[int, float] | None:
         """Return the number of sampled safe states, and the share from which the filter guarantees the constraints.
 
         Return None if the thrusters can brake against the tide everywhere within `r_max`, or nothing is guaranteed.
         """
-        if self.method == "continuous" or self._given.net_acceleration > 0.0:
-            return None
-        safe = safe_states(self._constraints, self._given, SAFE_DRAWS)
-        return len(safe), float(self.backup_filter.recoverable(safe).mean()) if len(safe) else 0.0
+        return None if self.method == "continuous" else _share(self.backup_filter, self.backup_filter.recoverable)
 
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return, for each constraint, the mask of rejected rows: not (h >= 0 and phi >= 0), NaN included, (R,)."""
@@ -197,8 +181,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             return Filtered(self._continuous(state, desired))
         if self.method == "backup":
             if self._pairs and view.world.num_deputies > 1:
-                return Filtered(self._decentralised(state, desired, view.others_position, view.others_velocity))
-            if isinstance(self.backup_filter, TubeFilter):
+                others = view.others_position, view.others_velocity
+                return Filtered(self._decentralised.decentralised(state, desired, *others))
+            if self.disturbance is not None:
                 result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
                 return Filtered(result, {"plan": plan})
             return Filtered(self.backup_filter(state, desired))
@@ -208,14 +193,15 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def _seen(self, view: View) -> RelativeState:
         """Return the relative states of the deputies, estimated if there are estimates."""
-        return self._state(*seen_motion(view), view.sun_angle if "sun_angle" in view.world.offers.view else None)
+        offered = view.world.offers.view
+        return self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
 
     def backup(self, view: View) -> FloatArray:
         """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero if there is none."""
         if self.method == "continuous":
             return super().backup(view)
         run, state = self.backup_filter, self._seen(view)
-        if isinstance(run, TubeFilter):
+        if self.disturbance is not None:
             return run.tracking(state, view.memory(SAFETY_FILTER, "plan"))
         return run.backups(state)[1]
 
@@ -228,3 +214,109 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     def for_starts(self) -> RTAGlueCWHInspection1v1:
         """Return the glue that also rejects initial states from which the filter could not guarantee safety."""
         return self if self.method == "continuous" else self.model_copy(update={"recoverable": True})
+
+
+class RTACWHInspectionTeam(TaskParameters, TeamSafety):
+    """Run-time assurance for a team that inspects a chief at the origin of Hill's frame; see `TeamFilter`.
+
+    From initial states that `refusals` accepts, every constraint of every deputy and the distance between every two are
+    enforced at every moment, whatever the desired thrusts, if the model is exact. A finished deputy applies the hold of
+    its part of the joint plan and coasts from then on, on a closed motion, as the plans of the others assume.
+
+    Attributes:
+        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
+        constraints: Names of the constraints: those of the single filter, ``deputy_collision`` and ``deputy_PSM``.
+        disturbance: Bounds of each deputy's disturbances under which all of this is enforced; None: an exact model.
+    """
+
+    deputy_radius: PositiveLength = 5.0
+    constraints: tuple[ConstraintEntry, ...] = (*NAMES, "deputy_collision")
+    disturbance: DisturbanceBounds | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> RTACWHInspectionTeam:
+        if self.enabled:
+            if not self.constraints:
+                raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
+            assert self._filter is not None  # Reports wrong parameters now, not at the first step.
+        return self
+
+    @cached_property
+    def _filter(self) -> TeamFilter:
+        return TeamFilter(self.agreeing, self.constraints, self.deputy_radius, self.disturbance)
+
+    @property
+    def kept(self) -> dict[str, Constraint]:
+        """The constraints that the filter guarantees, by name."""
+        return {**self._filter.alone.constraints, **self._filter.pair_constraints}
+
+    def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
+        """Return the thrusts to hold during the next step; finished deputies complete their plan and coast.
+
+        A deputy counts as changed if the filter changed its thrust by more than 0.01 N, but never if it is finished.
+        """
+        finished = np.asarray(team.finished != 0)
+        state = TeamState(*seen_motion(team, team.world.offers.team), team.sun_angle, finished)
+        tracks = None if self.disturbance is None else team.memory("tracks")
+        result = self._filter(state, desired, team.memory("plan"), tracks)
+        memory: dict[str, AnyArray] = {"plan": result.plan.astype(np.int8)}
+        if result.tracks is not None:
+            memory["tracks"] = result.tracks
+        count, deputies = finished.shape
+        changed = differs(result.control.reshape(-1, 3), np.asarray(desired, dtype=np.float64).reshape(-1, 3))
+        return TeamFiltered(
+            control=result.control,
+            intervening=changed.reshape(count, deputies) & ~finished,
+            infeasible=result.infeasible,
+            backup=result.backup,
+            memory=memory,
+        )
+
+    def recoverable_share(self) -> tuple[int, float] | None:
+        """Return the number of sampled safe states of a deputy, and the share of them that have a backup plan.
+
+        Return None if the thrusters can brake against the tide everywhere within `r_max`.
+        """
+
+        def recoverable(safe: RelativeState) -> BoolArray:
+            return self._filter.recoverable(TeamState(safe.position[:, None], safe.velocity[:, None], safe.sun_angle))
+
+        return _share(self._filter.alone, recoverable)
+
+    def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
+        """Return, for each constraint, the mask of the rejected environments, shape (R,).
+
+        An environment is rejected if not (h >= 0 and phi >= 0), NaN included. ``recoverable`` rejects those for which
+        no joint backup plan is found.
+        """
+        state = TeamState(states["position"], states["velocity"], states["sun_angle"])
+        refused = {name: np.zeros(len(state), np.bool_) for name in self._filter.names}
+        for name, constraint, relative in self._filter.looks(state):
+            value = constraint.evaluate(relative)
+            refused[name] |= ~((value.h >= 0.0) & (value.phi >= 0.0))
+        refused["recoverable"] = ~state.finite
+        refused["recoverable"][state.finite] = ~self._filter.recoverable(state[state.finite])
+        return refused
+
+    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return, for each constraint, the least phi of the team, (R,); for those of pairs only if there is a pair."""
+        return self._filter.phi(TeamState(states["position"], states["velocity"], states["sun_angle"]))
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare the joint plan of the next state: for each deputy the number of its plan, from 1, or 0 for none.
+
+        Under a disturbance, also declare the plans that are tracked.
+        """
+        tracks = {} if self.disturbance is None else {"tracks": ArraySpec((world.num_deputies, MEMORY))}
+        return {"plan": ArraySpec((world.num_deputies,), np.int8), **tracks}
+
+
+def _share(alone: BackupFilter, recoverable: Callable[[RelativeState], BoolArray]) -> tuple[int, float] | None:
+    """Return the number of sampled safe states, and the share of them that are recoverable.
+
+    Return None if the thrusters can brake against the tide everywhere within `r_max`.
+    """
+    if alone.parameters.net_acceleration > 0.0:
+        return None
+    safe = safe_states(alone.constraints, alone.parameters, SAFE_DRAWS)
+    return len(safe), float(recoverable(safe).mean()) if len(safe) else 0.0

@@ -14,7 +14,7 @@ from safe_inspect.errors import InitialStateError, did_you_mean
 from safe_inspect.plugins.functor import build, functor_field
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.resets.initializers import Initializer
-from safe_inspect.simulators.resets.parameters import Draw, Parameter, Value
+from safe_inspect.simulators.resets.parameters import Draw, Parameter, Value, either
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: The statistics of a sampler are returned with its states, under this name followed by a slash.
@@ -83,8 +83,8 @@ class SafetyTest(BaseModel):
 
     def for_filtered(self, safety_filter: SafetyGlue) -> SafetyTest:
         """Return the test for a deputy that `safety_filter` acts on: the filter must also be able to keep it safe."""
-        test = self.model_copy()
-        test._glue, test._filter_glue = self._glue, safety_filter.for_starts()
+        test = self.with_glue(self._glue)
+        test._filter_glue = safety_filter.for_starts()
         return test
 
     def with_glue(self, glue: SafetyGlue) -> SafetyTest:
@@ -97,9 +97,7 @@ class SafetyTest(BaseModel):
         """Return, for each constraint, the mask of the rows of named states that it rejects, shape (R,)."""
         tested = {name: states[name] for name in self.states}
         refused = self._glue.refusals(tested)
-        for name, rows in ({} if self._filter_glue is None else self._filter_glue.refusals(tested)).items():
-            refused[name] = refused[name] | rows if name in refused else rows
-        return refused
+        return refused if self._filter_glue is None else either(refused, self._filter_glue.refusals(tested))
 
     @property
     def glue(self) -> SafetyGlue:
@@ -125,8 +123,13 @@ class RejectionSampler(Parameter):
     @model_validator(mode="after")
     def _parameters_fit(self) -> RejectionSampler:
         check_parameters(self.initializer, self.wrapped, "wrapped")
-        if self.rta is not None and self.initializer.gives:
-            check_states(self.rta.states, self.initializer.gives, self.initializer.registered_name, "rta")
+        given, problems = self.initializer.gives, []
+        for index, name in enumerate(self.rta.states if self.rta is not None and given else ()):
+            if name not in given:
+                message = f"{self.initializer.registered_name} gives no state {name!r}; {did_you_mean(name, given)}"
+                problems.append({"type": "functor_key", "loc": ("rta", "states", index), "msg": message})
+        if problems:
+            raise PydanticCustomError("functor", "the states are wrong", {"errors": problems})
         return self
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
@@ -178,9 +181,7 @@ class RejectionSampler(Parameter):
         rows = np.arange(len(draw.streams)) if rows is None else rows
         states = self._draw(draw, rows, attempt)
         refused = {} if self.rta is None else self.rta.refusals(states)
-        for name, unsafe in ({} if draw.test is None else draw.test(states, rows)).items():
-            refused[name] = refused[name] | unsafe if name in refused else unsafe
-        return states, refused
+        return states, refused if draw.test is None else either(refused, draw.test(states, rows))
 
     def _draw(self, draw: Draw, rows: IntArray, attempt: int) -> dict[str, FloatArray]:
         streams = draw.streams[rows]
@@ -195,21 +196,6 @@ class RejectionSampler(Parameter):
 
 def _take(value: Value, rows: Any) -> Value:
     return {name: array[rows] for name, array in value.items()} if isinstance(value, dict) else value[rows]
-
-
-def check_states(states: tuple[str, ...], given: Mapping[str, int], giver: str, *field: str) -> None:
-    """Check that the named states are given.
-
-    Raises:
-        PydanticCustomError: Some are not; each is listed under `field`.
-    """
-    problems = []
-    for index, name in enumerate(states):
-        if name not in given:
-            message = f"{giver} gives no state {name!r}; {did_you_mean(name, given)}"
-            problems.append({"type": "functor_key", "loc": (*field, "states", index), "msg": message})
-    if problems:
-        raise PydanticCustomError("functor", "the states are wrong", {"errors": problems})
 
 
 def check_parameters(initializer: Initializer, parameters: Mapping[str, Parameter], field: str) -> None:

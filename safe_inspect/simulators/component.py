@@ -6,9 +6,10 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
+from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.errors import ArgumentError
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators.offers import OfTeam, OfView, OwnOfView
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
@@ -62,8 +63,8 @@ class Component(Plugin):
     def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds | None:
         """Return bounds of the disturbance of a deputy's motion, thrust and estimated state in one step of the agents.
 
-        Safety filters use these bounds: an enabled filter is rejected if their sum exceeds what it tolerates. Return
-        ``NO_DISTURBANCE`` for a component that only observes. The default, None, states nothing.
+        Safety filters use these bounds: an enabled filter is rejected if their sum exceeds what it tolerates. A
+        component that only observes is a `PassiveComponent`. The default, None, states nothing.
 
         Args:
             limits: The range of motion for which the bounds must be valid.
@@ -86,6 +87,14 @@ class Component(Plugin):
         return {}
 
 
+class PassiveComponent(Component):
+    """A component that only observes: it does not affect the motion of deputies."""
+
+    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
+        """Return zero bounds."""
+        return NO_DISTURBANCE
+
+
 def require_different(components: Sequence[Component]) -> None:
     """Check that there are no two components of one class, which would write the same arrays.
 
@@ -105,12 +114,15 @@ class RunningComponent:
         arrays: The arrays that it adds to the state, by name.
         recorded: Names of the arrays that recorded episodes contain for every step, and that evaluations list among the
             initial states. Each must contain real numbers, with the environment axis first.
+        offered: Arrays that plugins can read by name from a `View` and a `TeamView`, and what a view returns of each:
+            `OfView`, the rows of the environments, or `OwnOfView`, each agent's own entries.
         figures: Label and unit, in tables of evaluations, for names of `info` and `team_info`; a missing name is shown
             as it is, without a unit.
     """
 
     arrays: Mapping[str, ArraySpec] = {}
     recorded: tuple[str, ...] = ()
+    offered: Mapping[str, type[OfView | OwnOfView]] = {}
     figures: Mapping[str, tuple[str, str]] = {}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
@@ -185,11 +197,11 @@ class RunningComponent:
 
     def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
         """Return the values that plugins can read by name from a `View`, each as a function of the view."""
-        return {}
+        return {name: of_view(name) for name, of_view in self.offered.items()}
 
     def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
         """Return the values that plugins can read by name from a `TeamView`, each as a function of the view."""
-        return {}
+        return {name: OfTeam(name) for name in self.offered}
 
     def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
         """Return the values that plugins can read by name from a `Step`, each as a function of the step."""

@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
-from safe_inspect.types import AnyArray
+from safe_inspect.errors import MissingNameError, did_you_mean
 
 
-class _Offering(Protocol):
-    """A provider of named values: a running component, see `RunningComponent`."""
+def missing(what: str, name: str, offered: Iterable[str], thing: object = None) -> MissingNameError:
+    """Return the error for a name that the task does not provide, with a suggestion.
 
-    def of_world(self) -> Mapping[str, Any]:
-        """Return values of `World` by name."""
+    Args:
+        what: What was read, such as ``view``.
+        name: The name.
+        offered: Names that the task provides.
+        thing: The object that was read; its own public names are suggested too, if they are similar.
+    """
+    hint = did_you_mean(name, offered)
+    if thing is not None and "?" not in hint:
+        own = did_you_mean(name, [known for known in dir(type(thing)) if not known.startswith("_")])
+        hint = own if "?" in own else hint
+    return MissingNameError(f"the {what} of this task has no {name!r}; {hint}", name=name)
 
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return functions of a `View` by name."""
 
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return functions of a `TeamView` by name."""
+def offered(what: str, name: str, seen: Any) -> Any:
+    """Return a value that the task provides by name in a view or a step, which has a `world`.
 
-    def of_step(self) -> Mapping[str, Callable[[Any], Any]]:
-        """Return functions of a `Step` by name."""
+    Args:
+        what: What is read: ``view``, ``team`` or ``step``.
+        name: The name.
+        seen: The view or the step; one that is being copied has no world yet.
 
-    def info(self, view: Any) -> dict[str, AnyArray]:
-        """Return columns of an agent's info, each of shape (R,)."""
-
-    def team_info(self, team: Any) -> dict[str, AnyArray]:
-        """Return columns of the team's info, each of shape (N,)."""
-
-    def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
-        """Return parts of the state of all agents, each of shape (N, ...)."""
+    Raises:
+        MissingNameError: The task does not provide it.
+    """
+    world = seen.__dict__.get("world")
+    values = {} if world is None else getattr(world.offers, what)
+    if name not in values:
+        raise missing("view of the team" if what == "team" else what, name, values, seen)
+    return values[name](seen)
 
 
 @dataclass(frozen=True)
@@ -50,10 +59,10 @@ class Offers:
     view: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     team: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
     step: dict[str, Callable[[Any], Any]] = field(default_factory=dict)
-    components: list[_Offering] = field(default_factory=list)
+    components: list[Any] = field(default_factory=list)
 
-    def add(self, component: _Offering) -> None:
-        """Add the names that a component provides.
+    def add(self, component: Any) -> None:
+        """Add the names that a `RunningComponent` provides.
 
         Raises:
             ValueError: Another component provides the same name.

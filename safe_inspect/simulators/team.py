@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.geometry.neighbours import pair_distances
-from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.offers import offered
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -39,10 +39,7 @@ class TeamView:
 
     def __getattr__(self, name: str) -> Any:
         """Return a value that a component of the task provides, such as ``sun_angle``."""
-        offered = self.__dict__["world"].offers.team if "world" in self.__dict__ else {}
-        if name not in offered:
-            raise missing("view of the team", name, offered, self)
-        return offered[name](self)
+        return offered("team", name, self)
 
     @property
     def state(self) -> State:

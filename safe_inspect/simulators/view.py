@@ -10,18 +10,74 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
-from safe_inspect.random.balls import draw_normals
+from safe_inspect.random.splitmix import draw_normals
 from safe_inspect.simulators.arrays import Array, read_only
-from safe_inspect.simulators.filter_result import FilterResult
-from safe_inspect.simulators.missing import missing
-from safe_inspect.simulators.protocols import DeclaresMemory, ReadsState
+from safe_inspect.simulators.offers import offered
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.world import World
-from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class FilterResult:
+    """Result of a filter for R desired controls.
+
+    Attributes:
+        control: The admissible control [N], Hill frame, shape (R, 3).
+        intervening: True where |control - desired| > 0.01 N, shape (R,).
+        infeasible: True where the filter cannot guarantee safety, shape (R,): no control meets all conditions of the
+            continuous filter, or, for the other filters, no backup plan is known.
+        backup: True where the control comes from a backup, shape (R,).
+        active: Bits of the constraints that rejected the desired control, bit j for the j-th name, shape (R,).
+        phi: The constraints' plain safety quantities before the hold, in the order of the names, shape (R, C).
+        names: The names of the C constraints.
+    """
+
+    control: FloatArray
+    intervening: BoolArray
+    infeasible: BoolArray
+    backup: BoolArray
+    active: IntArray
+    phi: FloatArray
+    names: tuple[str, ...]
+
+    def active_names(self, row: int) -> tuple[str, ...]:
+        """Return the names of the constraints that rejected the desired control of a row."""
+        return tuple(name for j, name in enumerate(self.names) if self.active[row] >> j & 1)
+
+
+class DeclaresMemory(Protocol):
+    """A safety filter, a scripted policy or a done function, which may declare arrays that are part of the state."""
+
+    def memory(self, world: World, /) -> Mapping[str, ArraySpec]:
+        """Declare the arrays in which the part stores data, each with its shape for one agent or one environment."""
+
+
+class ReadsState(DeclaresMemory, Protocol):
+    """A sensor."""
+
+    @property
+    def symbol(self) -> str:
+        """SI unit of the reading, empty for a pure number."""
+
+    @property
+    def size(self) -> int:
+        """Number of elements of a reading."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest possible value of a reading, SI."""
+
+    def __call__(self, view: Any, /) -> FloatArray:
+        """Return the reading, SI, shape (R, size)."""
+
+    def remember(self, view: Any, name: str, /) -> None:
+        """Update the declared arrays in place; called once for every new state."""
+
 
 #: The name of a group's safety filter in place of the name of a part, in the keys of declared memory.
 SAFETY_FILTER = "safety filter"
@@ -86,10 +142,7 @@ class View:
 
     def __getattr__(self, name: str) -> Any:
         """Return a value that a component of the task provides, such as ``sun_direction``."""
-        offered = self.__dict__["world"].offers.view if "world" in self.__dict__ else {}
-        if name not in offered:
-            raise missing("view", name, offered, self)
-        return offered[name](self)
+        return offered("view", name, self)
 
     @property
     def state(self) -> State:
@@ -242,6 +295,7 @@ class Step:
     """One step of a group of agents, from the state before to the state after. The arrays are read-only.
 
     Attributes:
+        world: The constant data of the simulation.
         before: State at the start of the step.
         after: State at the end of the step, before any reset.
         writable_control: `control` as a writable array, for the environment and for compiled kernels.
@@ -262,6 +316,7 @@ class Step:
         dt: float,
         filtered: FilterResult | None = None,
     ) -> None:
+        self.world = before.world
         self.before = before
         self.after = after
         self._action = action
@@ -271,15 +326,10 @@ class Step:
         self.dt = dt
         self.filtered = filtered
         self.invalid: BoolArray | None = None
-        self._first: BoolArray | None = None
-        self._total_thrust: FloatArray | None = None
 
     def __getattr__(self, name: str) -> Any:
         """Return a value that a component of the task provides, such as ``new_points``."""
-        offered = self.__dict__["before"].world.offers.step if "before" in self.__dict__ else {}
-        if name not in offered:
-            raise missing("step", name, offered, self)
-        return offered[name](self)
+        return offered("step", name, self)
 
     @property
     def action(self) -> FloatArray:
@@ -301,24 +351,16 @@ class Step:
         """Mask of the rows in which a safety filter changed the thrust, shape (R,)."""
         return read_only(self.writable_intervening)
 
-    @property  # `functools.cached_property` takes a lock, which costs more than this
+    @cached_property
     def first(self) -> BoolArray:
         """Mask of the rows in which this is the first step of the episode, shape (R,)."""
-        found = self._first
-        if found is None:
-            found = self._first = np.asarray(self.before.step == 0)
-            found.setflags(write=False)
-        return found
+        return read_only(np.asarray(self.before.step == 0))
 
-    @property
+    @cached_property
     def total_thrust(self) -> FloatArray:
         """Sum of abs(u_i) over the axes [N], shape (R,)."""
-        found = self._total_thrust
-        if found is None:
-            size = np.abs(self.writable_control)
-            found = self._total_thrust = np.asarray(size[:, 0] + size[:, 1] + size[:, 2])
-            found.setflags(write=False)
-        return found
+        size = np.abs(self.writable_control)
+        return read_only(np.asarray(size[:, 0] + size[:, 1] + size[:, 2]))
 
     @property
     def delta_v(self) -> FloatArray:

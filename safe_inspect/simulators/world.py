@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from safe_inspect.simulators.missing import missing
-from safe_inspect.simulators.offers import Offers
+from safe_inspect.simulators.offers import Offers, missing
 from safe_inspect.types import FloatArray
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.platforms.base import Part
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.filters.probes import probe_states, responds_to_thrust
-from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.rta.filters.base import probe_states, responds_to_thrust
+from safe_inspect.testing.calls import Call, SampleParts, Shape, check_call
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import sample_steps
-from safe_inspect.testing.values import ROWS
-from safe_inspect.types import AnyArray, BoolArray, FloatArray
+from safe_inspect.testing.samples import sample_states
+from safe_inspect.types import BoolArray, FloatArray
 
 #: Steps of the difference quotients, as a fraction of range and speed.
 _STEP = 1e-5
@@ -27,20 +24,14 @@ _PAIRS, _SEARCHES, _HALVINGS = 64, 60, 30
 _KINKS = 0.5
 
 
-def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) -> None:
+def check_constraint(plugin: Constraint, parts: SampleParts, report: Report) -> None:
     """Check a constraint: phi, h and rate (R,); gradient (R, 6), the derivative of h, which must depend on thrust."""
-    view = sample_steps(None, ROWS).after
-
-    def make(rows: AnyArray) -> Inputs:
-        state = RelativeState(view.position[rows].copy(), view.velocity[rows].copy(), view.sun_angle[rows].copy())
-        return Inputs((state,), {name: getattr(state, name) for name in ("position", "velocity", "sun_angle")})
-
-    def evaluate(state: RelativeState) -> dict[str, AnyArray]:
-        return dict(vars(plugin.evaluate(state)))
-
+    sample = RelativeState(**sample_states())
     shapes = {"gradient": Shape((6,), "f", "(R, 6)")}
-    phi = check_call(Call("the constraint", plugin, make, ROWS), report)
-    every = check_call(Call("`evaluate`", evaluate, make, ROWS, shapes=shapes), report)
+    phi = check_call(Call("the constraint", plugin, {"the state": sample}), report)
+    every = check_call(
+        Call("`evaluate`", lambda state: vars(plugin.evaluate(state)), {"the state": sample}, shapes=shapes), report
+    )
     if phi is not None and every is not None:
         report.expect(
             np.array_equal(phi, every["phi"]),
@@ -49,7 +40,7 @@ def check_constraint(plugin: Constraint, parts: Sequence[Part], report: Report) 
             "let both give the same",
         )
     if every is not None:
-        for state in (*make(np.arange(ROWS)).arguments, probe_states()):
+        for state in (sample, probe_states()):
             with report.attempt("`evaluate`", "it must work for every finite state"):
                 _check_gradient(plugin, state, report)
         if plugin.half_space is not None:

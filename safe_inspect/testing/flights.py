@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.simulators.state import State
+from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
@@ -21,6 +24,8 @@ HORIZON = 24
 _SHOVE = 5.0
 #: One in this many environments has two deputies at exactly the same position.
 _TOGETHER = 16
+
+Given = TypeVar("Given")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,20 +84,34 @@ def fly_twice(spec: EnvironmentSpec, batch: int = 5, length: int = 12) -> Iterat
             yield Flown(take_rows(whole.step, row), whole.status[row], whole.over[row]), single
 
 
-def take_rows(step: Step, rows: AnyArray, agent: int | None = None) -> Step:
-    """Return the step of some environments as a separate step: copies of the states, with nothing computed yet.
+def take_rows(given: Given, rows: AnyArray, agent: int | None = None) -> Given:
+    """Return copies of the rows of some environments, with nothing computed yet; other objects stay as they are.
 
     Args:
-        step: A step of N environments.
+        given: A step, view or array of N environments, or a mapping of them.
         rows: Indices of the environments, shape (M,); with one deputy they are the rows of the step.
         agent: Index of the agent that becomes a group of one; by default, all agents.
     """
-    size = step.after.group.size
-    agents = np.arange(size) if agent is None else np.array([agent])
-    own = (np.asarray(rows)[:, None] * size + agents).reshape(-1)
-    before, after = (_take(view, rows, agent) for view in (step.before, step.after))
-    action, control, desired = step.action[own], step.control[own], step.desired_control[own]
-    return Step(before, after, action, control, desired, step.intervening[own], step.dt)
+    taken: Any = given
+    if isinstance(given, np.ndarray | RelativeState):
+        taken = given[rows]
+    elif isinstance(given, Mapping):
+        taken = {name: take_rows(value, rows, agent) for name, value in given.items()}
+    elif isinstance(given, Step):
+        size = given.after.group.size
+        agents = np.arange(size) if agent is None else np.array([agent])
+        own = (np.asarray(rows)[:, None] * size + agents).reshape(-1)
+        before, after = (_take(view, rows, agent) for view in (given.before, given.after))
+        action, control, desired = given.action[own], given.control[own], given.desired_control[own]
+        taken = Step(before, after, action, control, desired, given.intervening[own], given.dt)
+    elif isinstance(given, View):
+        taken = _take(given, rows, agent)
+    elif isinstance(given, TeamView):
+        taken = TeamView(given.state.take(rows), given.world)
+    elif isinstance(given, TeamStep):
+        fields = {name: take_rows(value, rows) for name, value in vars(given).items() if name != "has"}
+        taken = TeamStep(**fields, has={name: array.copy() for name, array in given.has.items()})
+    return cast(Given, taken)
 
 
 def _take(view: View, rows: AnyArray, agent: int | None) -> View:

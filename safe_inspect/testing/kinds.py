@@ -3,42 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import Any, get_args
 
 import numpy as np
 
-from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.glues.base import ActionGlue, Bounds, Glue, ObservationGlue
 from safe_inspect.glues.normalizers import Normalizer
-from safe_inspect.platforms.base import Controller, Part, Platform, Property, Sensor
-from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
+from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.rewards.base import Reward
+from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.row_terms.plugin import RowPlugin
 from safe_inspect.simulators.view import Step, View
-from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
+from safe_inspect.testing import simulation, teams
+from safe_inspect.testing.calls import (
+    Call,
+    SampleParts,
+    Shape,
+    check_alone,
+    check_bounds,
+    check_call,
+    each_world,
+    spread,
+)
 from safe_inspect.testing.constraints import check_constraint
-from safe_inspect.testing.flights import fly_twice
-from safe_inspect.testing.glues import check_glue
-from safe_inspect.testing.metrics import check_metric
 from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import sample_spec
-from safe_inspect.testing.simulation import (
-    check_component,
-    check_dynamics,
-    check_initializer,
-    check_parameter,
-    check_simulator,
-)
-from safe_inspect.testing.teams import SampleParts, check_policy, check_shared_done, check_team_safety
-from safe_inspect.testing.values import ROWS, call_of_step, call_of_view, check_bounds, each_world, spread
+from safe_inspect.testing.samples import ROWS, sample_spec, sample_states, sample_team_steps, team_sizes
 from safe_inspect.types import AnyArray
 
 
 def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
     """Check a reward: it must return float (R,)."""
     for step in each_world(plugin, parts, report):
-        check_call(call_of_step("the reward", plugin, step, Shape()), report)
+        check_call(Call("the reward", plugin, {"step": step}), report)
         _check_row_kernel(plugin, step, report)
 
 
@@ -52,11 +52,9 @@ def check_done(plugin: DoneFunction, parts: SampleParts, report: Report) -> None
         "set it to DoneStatus.WIN, DoneStatus.LOSE or DoneStatus.DRAW",
     )
     for step in each_world(plugin, parts, report):
-        check_call(call_of_step("the done function", plugin, step, Shape((), "b", "(R,)")), report)
+        check_call(Call("the done function", plugin, {"step": step}, Shape((), "b")), report)
         _check_row_kernel(plugin, step, report)
-        if plugin.memory(step.after.world):
-            spec = sample_spec(plugin, parts=parts, deputies=step.after.group.size)
-            _check_memory(lambda one: plugin(one), "done function", spec, report)
+        _check_memory(plugin, plugin, step, "done function", parts, report)
 
 
 def _check_row_kernel(plugin: RowPlugin, seen: View | Step, report: Report) -> None:
@@ -96,26 +94,31 @@ def _check_sensor(plugin: Sensor, parts: SampleParts, report: Report) -> None:
     )
     shape = Shape((size,), "f", f"(R, {size})")
     for step in each_world(plugin, parts, report):
-        reading = check_call(call_of_view("the sensor", plugin, step, shape), report)
+        reading = check_call(Call("the sensor", plugin, {"the state": step.after}, shape), report)
         if reading is not None:
             low, high = plugin.limits
             check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
         _check_row_kernel(plugin, step.after, report)
-        if plugin.memory(step.after.world):
-            spec = sample_spec(plugin, parts=parts, deputies=step.after.group.size)
-            _check_memory(lambda one: plugin(one.after), "sensor", spec, report)
+        _check_memory(plugin, lambda one: plugin(one.after), step, "sensor", parts, report)
 
 
-def _check_memory(call: Callable[[Step], AnyArray], what: str, spec: EnvironmentSpec, report: Report) -> None:
-    """Check that a plugin's memory of an environment does not depend on the other environments."""
-    for together, alone in fly_twice(spec):
-        if call(together.step).tobytes() != call(alone.step).tobytes():
-            report.add(
-                "row-wise",
-                f"after {alone.step.after.step[0]} steps the {what} gives another value alone than in a batch",
-                "let `remember` compute each row from itself, and draw from `view.state.key` alone",
-            )
-            return
+def _check_memory(
+    plugin: DoneFunction | Sensor,
+    call: Callable[[Step], AnyArray],
+    step: Step,
+    what: str,
+    parts: SampleParts,
+    report: Report,
+) -> None:
+    """Check that a plugin's memory of an environment, if it has one, does not depend on the other environments."""
+    if plugin.memory(step.after.world):
+        check_alone(
+            sample_spec(plugin, parts=parts, deputies=step.after.group.size),
+            lambda flown: {"": call(flown.step)},
+            f"the {what} gives another value alone than in a batch",
+            "let `remember` compute each row from itself, and draw from `view.state.key` alone",
+            report,
+        )
 
 
 def _check_controller(plugin: Controller, report: Report) -> None:
@@ -124,15 +127,10 @@ def _check_controller(plugin: Controller, report: Report) -> None:
     remedy = "return two arrays of shape (size,), the first below the second"
     if not report.expect(right, "limits", f"the limits are {low} and {high}", remedy):
         return
-    values = spread(low, high, ROWS)
-
-    def make(rows: AnyArray) -> Inputs:
-        given = values[rows].copy()
-        return Inputs((given,), {"the values": given})
-
     size = plugin.control_size
     what = "(R, 3), thrust [N]" if size == 3 else f"(R, {size}), control [N, N m]"
-    check_call(Call("the controller", plugin, make, ROWS, Shape((size,), "f", what)), report)
+    values = {"the values": spread(low, high)}
+    check_call(Call("the controller", plugin, values, Shape((size,), "f", what)), report)
 
 
 def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:
@@ -142,20 +140,16 @@ def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> 
         return
     size = 3 if 3 in sizes else sizes[0]
     low, high = -np.arange(1.0, size + 1.0), 2.0 * np.arange(1.0, size + 1.0)
-    values = spread(low, high, ROWS)
-
-    def make_from(array: AnyArray) -> Callable[[AnyArray], Inputs]:
-        def make(rows: AnyArray) -> Inputs:
-            arguments = (array[rows].copy(), low.copy(), high.copy())
-            return Inputs(arguments, dict(zip(("the values", "`low`", "`high`"), arguments, strict=True)))
-
-        return make
-
-    shape = Shape((size,), "f", "(R, k)")
-    normal = check_call(Call("the normaliser", plugin, make_from(values), ROWS, shape), report)
+    low.flags.writeable = high.flags.writeable = False
+    values, shape = spread(low, high), Shape((size,), "f", "(R, k)")
+    normal = check_call(
+        Call("the normaliser", lambda given: plugin(given, low, high), {"the values": values}, shape), report
+    )
     if normal is None:
         return
-    back = check_call(Call("`inverse`", plugin.inverse, make_from(normal.copy()), ROWS, shape), report)
+    back = check_call(
+        Call("`inverse`", lambda given: plugin.inverse(given, low, high), {"the values": normal}, shape), report
+    )
     report.expect(
         back is None or np.allclose(back, values, rtol=1e-9, atol=1e-12),
         "inverse",
@@ -185,46 +179,105 @@ def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None
         report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
 
 
-def check_property(plugin: Property, parts: SampleParts, report: Report) -> None:
-    """Check a property: it must clip values to its limits."""
-    low, high = plugin.limits
-    if not report.expect(low < high, "limits", f"the limits are {low} and {high}", "let the first be the smaller"):
+def check_glue(plugin: Glue, parts: SampleParts, report: Report) -> None:
+    """Check a glue: its names and bounds, and its part of the observation (R, size) or its thrust (R, 3)."""
+    named = sample_spec(plugin, parts=parts).agents[0].parts
+    bounds: Bounds | None = None
+    with report.attempt("`names` or `bounds`"):
+        names, bounds = plugin.names(named), plugin.bounds(named)
+    if bounds is None:
         return
-    values = spread(np.array([2.0 * low - high]), np.array([2.0 * high - low]), ROWS)[:, 0]
+    size = len(names)
+    low, high = bounds
+    right = all(isinstance(bound, np.ndarray) and bound.shape == (size,) for bound in bounds)
+    remedy = f"return two arrays of shape ({size},), one number for each of the names {names}"
+    if not report.expect(right, "bounds", f"the bounds are {low} and {high}", remedy):
+        return
+    report.expect((low <= high).all(), "bounds", f"a lower bound is above the upper: {low}, {high}", "swap them")
+    report.expect(len(set(names)) == size, "names", f"a name occurs twice in {names}", "name every element once")
+    if isinstance(plugin, ObservationGlue):
+        shape = Shape((size,), "f", f"(R, {size})")
+        for step in each_world(plugin, parts, report):
+            values = check_call(Call("the glue", plugin, {"the state": step.after}, shape), report)
+            if values is not None:
+                check_bounds(values, low, high, "the observation", "`bounds`", report)
+    elif isinstance(plugin, ActionGlue):
+        actions = {"the action": spread(low, high) if size else np.zeros((ROWS, 0)), "the parts": named}
+        check_call(Call("the glue", plugin, actions, Shape((3,), "f", "(R, 3), thrust [N]")), report)
+        if isinstance(plugin, SafetyGlue):
+            shape = Shape((), "b", "(R,) for each constraint")
+            check_call(Call("`refusals`", plugin.refusals, {"the states": sample_states()}, shape), report)
+    else:
+        report.add("glue", f"{type(plugin).__name__} is neither kind of glue", "extend ObservationGlue or ActionGlue")
 
-    def make(rows: AnyArray) -> Inputs:
-        given = values[rows].copy()
-        return Inputs((given,), {"the values": given})
 
-    result = check_call(Call("the property", plugin, make, ROWS), report)
-    if result is not None:
-        check_bounds(result, np.array(low), np.array(high), "the commanded value", "the property", report)
+def check_metric(plugin: BaseMetric, parts: SampleParts, report: Report) -> None:
+    """Check a metric: float (R,) or (N,), NaN allowed; a unit, a reduction, and a label."""
+    reduce = getattr(plugin, "reduce", None)
+    report.expect(
+        reduce in get_args(Reduce),
+        "reduce",
+        f"the class attribute `reduce` is {reduce!r}",
+        f"set it to one of {', '.join(get_args(Reduce))}",
+    )
+    for name in ("unit", "label"):
+        value = getattr(plugin, name, None)
+        right = isinstance(value, str) and value != ""
+        report.expect(right, name, f"its `{name}` is {value!r}", "give a text; the unit of a pure number is '-'")
+    if isinstance(plugin, Metric):
+        _check_own(plugin, parts, report)
+    elif isinstance(plugin, TeamMetric):
+        _check_team(plugin, parts, report)
+    else:
+        report.add("base", f"{type(plugin).__name__} is not a metric of agents or teams", "extend Metric or TeamMetric")
+
+
+def _check_own(plugin: Metric, parts: SampleParts, report: Report) -> None:
+    def measure(step: Step) -> Any:
+        return _without_nan(plugin(step))
+
+    def conclude(step: Step) -> Any:
+        some, none = plugin(step), np.full(step.after.num_rows, np.nan)
+        return np.asarray(_without_nan(plugin.conclude(some, step)) + _without_nan(plugin.conclude(none, step)))
+
+    for step in each_world(plugin, parts, report):
+        check_call(Call("the metric", measure, {"step": step}), report)
+        if type(plugin).conclude is not Metric.conclude:
+            check_call(Call("`conclude`", conclude, {"step": step}), report)
+
+
+def _check_team(plugin: TeamMetric, parts: SampleParts, report: Report) -> None:
+    known = len(report.breaches)
+    for deputies in team_sizes(plugin):
+        if len(report.breaches) == known:
+            step = replace(sample_team_steps(None, ROWS, parts=parts, deputies=deputies), fired={}, has={})
+            call = Call("the metric", lambda given: _without_nan(plugin(given)), {"step": step}, Shape((), "f", "(N,)"))
+            check_call(call, report)
+
+
+def _without_nan(value: Any) -> Any:
+    """Replace NaN, which means that there is no value, by a number; infinity remains and is a breach."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return np.where(np.isnan(value), -1.2345, value)
+    return value
 
 
 CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
-    "component": check_component,
+    "component": simulation.check_component,
     "constraint": check_constraint,
     "done": check_done,
-    "dynamics": check_dynamics,
+    "dynamics": simulation.check_dynamics,
     "glue": check_glue,
-    "initializer": check_initializer,
+    "initializer": simulation.check_initializer,
     "metric": check_metric,
     "normalizer": check_normalizer,
-    "parameter": check_parameter,
+    "parameter": simulation.check_parameter,
     "part": check_part,
     "platform": check_platform,
-    "policy": check_policy,
-    "property": check_property,
+    "policy": teams.check_policy,
     "reward": check_reward,
-    "rta": check_team_safety,
-    "shared_done": check_shared_done,
-    "simulator": check_simulator,
+    "rta": teams.check_team_safety,
+    "shared_done": teams.check_shared_done,
+    "simulator": simulation.check_simulator,
     **dict.fromkeys(RENDEZVOUS_KINDS, check_rendezvous),
 }
-
-
-def check_behaviour(plugin: Plugin, parts: SampleParts, report: Report) -> None:
-    """Check the results of a plugin; there is no check for a kind that is not part of this package."""
-    check = CHECKS.get(plugin.kind)
-    if check is not None:
-        check(plugin, parts, report)

@@ -14,16 +14,13 @@ from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import ConformalBound
+from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
 from safe_inspect.rendezvous.experiment import SensorsConfig
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
-from safe_inspect.rendezvous.missions.truth import ChaserTrace
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, estimator_context
 from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig
 from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
@@ -35,15 +32,14 @@ from safe_inspect.rendezvous.plugins import (
     StateEstimator,
     TargetModel,
     Tracker,
-    Tumble,
 )
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.testing.calls import SampleParts
 from safe_inspect.testing.report import WRITES, Report
-from safe_inspect.testing.teams import SampleParts
 from safe_inspect.types import AnyArray, FloatArray
 
 #: T_WB of a chaser that looks at the origin along y of W.
@@ -51,22 +47,13 @@ LOOKING = pose(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), n
 
 
 def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report) -> None:
-    """Check a target model: its mating point must be outside its boxes."""
+    """Check a target model: its mating point must be outside of it."""
     target, again = plugin(), plugin()
     _same(report, "the target", _arrays(target), _arrays(again))
     _finite(report, "the mating point", target.mating_point, (3,))
     _finite(report, "the mesh", target.mesh.vertices, (len(target.mesh.vertices), 3))
-    outside = target.boxes.distance((target.R_MT @ target.mating_point)[None])[0]
-    report.expect(outside > 0.0, "mating point", "the mating point is inside a box", "move it, or the boxes")
-
-
-def _check_tumble(plugin: Tumble, parts: SampleParts, report: Report) -> None:
-    """Check a tumble: it must return a unit quaternion and an angular velocity."""
-    q, w = plugin(_streams())
-    _finite(report, "the attitude", q, (4,))
-    _finite(report, "the angular velocity", w, (3,))
-    report.expect(abs(float(q @ q) - 1.0) < 1e-12, "unit", f"the attitude is {q}", "return a unit quaternion")
-    _same(report, "the tumble", [q, w], [*plugin(_streams())])
+    outside = target.solid.distance((target.R_MT @ target.mating_point)[None])[0]
+    report.expect(outside > 0.0, "mating point", "the mating point is inside the target", "move it out of the target")
 
 
 def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
@@ -188,7 +175,6 @@ _CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "state_estimator": _check_state_estimator,
     "target_model": _check_target_model,
     "tracker": _check_tracker,
-    "tumble": _check_tumble,
 }
 #: The kinds that `check_rendezvous` supports.
 RENDEZVOUS_KINDS = tuple(_CHECKS)
@@ -232,7 +218,7 @@ def _query(state: AnyArray | None = None) -> PlanQuery:
         angular_velocity=body.angular_velocity,
         inertia=target.principal,
         mating_point=target.mating_point,
-        boxes=target.boxes,
+        solid=target.solid,
         R_MT=target.R_MT,
     )
 
@@ -253,12 +239,11 @@ def _plan() -> Plan:
 
 
 def _bound_query() -> BoundQuery:
-    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), Updates(1.0, 0.5))
+    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), 1.0, 0.5)
 
 
 def _arrays(target: Target) -> list[AnyArray]:
-    boxes = target.boxes
-    return [boxes.centre, boxes.half_size, boxes.rotation, target.mesh.vertices, target.inertia, target.mating_point]
+    return [target.solid.vertices, target.mesh.vertices, target.inertia, target.mating_point]
 
 
 def _finite(report: Report, what: str, array: Any, shape: tuple[int, ...]) -> None:

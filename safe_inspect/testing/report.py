@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from safe_inspect.environments.writers import writes_read_only
+from safe_inspect.environments.finite_checks import writes_read_only
 from safe_inspect.errors import PluginValueError, SafeInspectError
 
 #: Remedy if a plugin writes into its inputs.

@@ -19,34 +19,22 @@ from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.glues.controller_glue import ControllerGlue
-from safe_inspect.platforms.attitude_sensors import (
-    AngularVelocitySensor,
-    OrientationUnitVectorSensor,
-    QuaternionSensor,
-    RelativePositionSensor,
-    RelativeVelocitySensor,
-)
+from safe_inspect.glues.actions import ControllerGlue
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
-from safe_inspect.platforms.entity_sensors import EntityPositionSensor, EntityVelocitySensor
-from safe_inspect.platforms.neighbour_sensors import (
-    DeputyScanSensor,
-    NearestDeputiesPositionSensor,
-    NearestDeputiesPresenceSensor,
-    NearestDeputiesVelocitySensor,
+from safe_inspect.platforms.state_sensors import (
+    SunlightSensor,
 )
-from safe_inspect.platforms.state_sensors import SunlightSensor
-from safe_inspect.plugins.functor import Named
+from safe_inspect.plugins.functor import Named, build
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
-from safe_inspect.rta.team import TeamSafety
+from safe_inspect.rta.base import TeamSafety
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.task_ids import TASKS
-from safe_inspect.tasks.docking.monitor import SpeedLimitMonitor
+from safe_inspect.tasks.docking.simulator import SpeedLimitMonitor
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
@@ -55,8 +43,25 @@ from safe_inspect.units import PositiveAngularRate
 
 __all__ = ["DEPUTIES", "ENVIRONMENTS", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]
 
+#: Rows of most samples with which plugins are called.
+ROWS = 48
 #: Environments of a flight, and of a slower one: with several deputies, or flown by the plugin itself.
 ENVIRONMENTS, FEW_ENVIRONMENTS = 32, 8
+#: Parts that the shipped task does not have, under their default names.
+_FURTHER_PARTS = (
+    "RateController",
+    "Sensor_EntityPosition",
+    "Sensor_EntityVelocity",
+    "Sensor_NearestDeputiesPosition",
+    "Sensor_NearestDeputiesVelocity",
+    "Sensor_NearestDeputiesPresence",
+    "Sensor_DeputyScan",
+    "Sensor_AngularVelocity",
+    "Sensor_OrientationUnitVector",
+    "Sensor_Quaternion",
+    "Sensor_RelativePosition",
+    "Sensor_RelativeVelocity",
+)
 #: Deputies of the sample world with several deputies.
 DEPUTIES = 3
 
@@ -128,7 +133,8 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
     spec = load_spec(next(iter(TASKS)))
     agent = spec.agents[0]
     own = (plugin,) if isinstance(plugin, Part) else ()
-    named = {**agent.parts, **{part.part_name: part for part in (*_further_parts(), *parts, *own)}}
+    further = (build("part", name) for name in _FURTHER_PARTS)
+    named = {**agent.parts, **{part.part_name: part for part in (*further, *parts, *own)}}
     names = tuple(f"blue{index}" for index in range(deputies))
     scripted = plugin if isinstance(plugin, ScriptedPolicy) else None
     dones = (*agent.dones, Named("under test", plugin)) if isinstance(plugin, DoneFunction) else agent.dones
@@ -216,29 +222,18 @@ def sample_team_steps(
     )
 
 
+def sample_states() -> dict[str, FloatArray]:
+    """Return the named states of one deputy in the sample world, as safety filters receive them, each with R rows."""
+    view = sample_steps(rows=ROWS).after
+    return {"position": view.position.copy(), "velocity": view.velocity.copy(), "sun_angle": view.sun_angle.copy()}
+
+
 def team_sizes(plugin: Plugin | None) -> tuple[int, ...]:
     """Return the numbers of deputies of the sample worlds that contain the deputies to which a plugin refers."""
     references = {} if plugin is None else plugin.references()
     named = {getattr(plugin, field) for field, kind in references.items() if kind in ("entity", "platform")}
     further = {f"blue{index}" for index in range(1, DEPUTIES)}
     return (DEPUTIES,) if named & further else (1, DEPUTIES)
-
-
-def _further_parts() -> tuple[Part, ...]:
-    return (
-        RateController(),
-        EntityPositionSensor(),
-        EntityVelocitySensor(),
-        NearestDeputiesPositionSensor(),
-        NearestDeputiesVelocitySensor(),
-        NearestDeputiesPresenceSensor(),
-        DeputyScanSensor(),
-        AngularVelocitySensor(),
-        OrientationUnitVectorSensor(),
-        QuaternionSensor(),
-        RelativePositionSensor(),
-        RelativeVelocitySensor(),
-    )
 
 
 def _sample(

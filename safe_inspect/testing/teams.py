@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,38 +10,26 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.platforms.base import Part
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
+from safe_inspect.rta.base import TeamSafety
 from safe_inspect.rta.filters.base import INTERVENTION_THRESHOLD
-from safe_inspect.rta.team import TeamSafety
-from safe_inspect.simulators.team import TeamStep, TeamView
+from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import View
-from safe_inspect.testing.calls import Call, Inputs, Shape, check_call
-from safe_inspect.testing.flights import fly_twice
+from safe_inspect.testing.calls import Call, SampleParts, Shape, check_alone, check_call, each_world, with_deputies
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import DEPUTIES, sample_spec, sample_team_steps, team_sizes
-from safe_inspect.testing.values import FEW_ROWS, ROWS, call_of_view, each_world
+from safe_inspect.testing.samples import DEPUTIES, ROWS, sample_spec, sample_team_steps, team_sizes
 from safe_inspect.types import AnyArray, FloatArray
 
-SampleParts = Sequence[Part]
+#: Environments of a sample for slow plugins.
+FEW_ROWS = 16
 
 
 def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Report) -> None:
     """Check a shared done function: it must return a `DoneStatus` for each environment, int8 (N,)."""
     for deputies in team_sizes(plugin):
         step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
-
-        def make(rows: AnyArray, step: TeamStep = step) -> Inputs:
-            taken = _take(step, rows)
-            arrays = {"step.status": taken.status}
-            arrays |= {f"step.fired[{name!r}]": array for name, array in taken.fired.items()}
-            arrays |= {f"step.has[{name!r}]": array for name, array in taken.has.items()}
-            for side, team in (("before", taken.before), ("after", taken.after)):
-                arrays |= {f"step.{side}'s {name}": array for name, array in team.state.arrays.items()}
-            return Inputs((taken,), arrays)
-
         shape = Shape((), "i", "(N,), int8")
-        given = check_call(Call(_label("the shared done function", deputies), plugin, make, ROWS, shape), report)
+        given = check_call(Call("the shared done function", plugin, {"step": step}, shape), report)
         if given is None:
             return
         unknown = sorted(set(given.tolist()) - {int(status) for status in DoneStatus})
@@ -69,7 +57,7 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
 
     shape = Shape((size,), "f", f"(R, {size}), control [N, N m]" if size > 3 else "(R, 3), thrust [N]")
     for step in each_world(plugin, parts, report, FEW_ROWS):
-        check_call(call_of_view("the policy", fly, step, shape), report)
+        check_call(Call("the policy", fly, {"the state": step.after}, shape, rows=FEW_ROWS), report)
         _check_flight(plugin, parts, step.after.group.size, report)
 
 
@@ -81,19 +69,13 @@ def check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) ->
             _check_filter(plugin, parts, deputies, report)
             _check_flight(plugin, parts, deputies, report)
     team = sample_team_steps(None, ROWS).after
+    shape = Shape((), "f", "(R,) for each constraint")
     for deputies in range(1, DEPUTIES + 1):
-
-        def make(rows: AnyArray, deputies: int = deputies) -> Inputs:
-            states = {
-                "position": team.position[rows, :deputies],
-                "velocity": team.velocity[rows, :deputies],
-                "sun_angle": team.sun_angle[rows],
-            }
-            return Inputs((states,), states)
-
-        for name, kind in (("refusals", "b"), ("safety", "f")):
-            shape = Shape((), kind, "(R,) for each constraint")
-            check_call(Call(_label(f"`{name}`", deputies), getattr(plugin, name), make, ROWS, shape), report)
+        position, velocity = team.position[:, :deputies], team.velocity[:, :deputies]
+        states = {"the states": {"position": position, "velocity": velocity, "sun_angle": team.sun_angle}}
+        for name, function, kind in (("refusals", plugin.refusals, "b"), ("safety", plugin.safety, "f")):
+            call = Call(with_deputies(f"`{name}`", deputies), function, states, replace(shape, kind=kind))
+            check_call(call, report)
 
 
 def _remembers_what_it_declares(plugin: TeamSafety, deputies: int, report: Report) -> bool:
@@ -109,12 +91,6 @@ def _remembers_what_it_declares(plugin: TeamSafety, deputies: int, report: Repor
 def _check_filter(plugin: TeamSafety, parts: SampleParts, deputies: int, report: Report) -> None:
     sample = sample_team_steps(plugin, FEW_ROWS, parts=parts, deputies=deputies).after
     desired = np.random.default_rng(3).uniform(-1.0, 1.0, (FEW_ROWS, deputies, 3))
-    declared = plugin.memory(sample.world)
-
-    def make(rows: AnyArray) -> Inputs:
-        thrust, team = desired[rows], TeamView(sample.state.take(rows), sample.world)
-        arrays = {f"the state's {name}": array for name, array in team.state.arrays.items()}
-        return Inputs((thrust, team), {"the desired thrust": thrust, **arrays})
 
     def run(thrust: FloatArray, team: TeamView) -> dict[str, AnyArray]:
         given = plugin(thrust, team)
@@ -127,51 +103,27 @@ def _check_filter(plugin: TeamSafety, parts: SampleParts, deputies: int, report:
         "infeasible": Shape((), "b", "(N,)"),
         "backup": Shape((), "b", "(N,)"),
     }
-    for name, spec in declared.items():
+    for name, spec in plugin.memory(sample.world).items():
         shapes[f"memory {name}"] = Shape(spec.shape, np.dtype(spec.dtype).kind, f"(N, ...) with {spec.shape} behind N")
-    found = check_call(Call(_label("the filter", deputies), run, make, FEW_ROWS, Shape(None, ""), shapes), report)
-    if found is None:
-        return
-    _check_interventions(desired, found, sample, report)
-
-
-def _check_interventions(
-    desired: FloatArray, found: Mapping[str, AnyArray], team: TeamView, report: Report
-) -> None:  # fmt: skip
-    changed = ((found["control"] - desired) ** 2).sum(axis=-1) > INTERVENTION_THRESHOLD**2
-    wrong = (changed != found["intervening"]) & (team.finished == 0)
-    report.expect(
-        not wrong.any(),
-        "intervening",
-        f"`intervening` is wrong for {int(wrong.sum())} of {wrong.size} deputies",
-        f"set it where the thrust differs from the desired one by more than {INTERVENTION_THRESHOLD} N",
-    )
+    arguments = {"the desired thrust": desired, "the state": sample}
+    found = check_call(Call("the filter", run, arguments, Shape(None, ""), shapes, FEW_ROWS), report)
+    if found is not None:
+        changed = ((found["control"] - desired) ** 2).sum(axis=-1) > INTERVENTION_THRESHOLD**2
+        wrong = (changed != found["intervening"]) & (sample.finished == 0)
+        report.expect(
+            not wrong.any(),
+            "intervening",
+            f"`intervening` is wrong for {int(wrong.sum())} of {wrong.size} deputies",
+            f"set it where the thrust differs from the desired one by more than {INTERVENTION_THRESHOLD} N",
+        )
 
 
 def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: SampleParts, deputies: int, report: Report) -> None:
     """Check that an environment evolves identically alone and in a batch, including the memory of the plugin."""
-    for together, alone in fly_twice(sample_spec(plugin, parts=parts, deputies=deputies)):
-        arrays = alone.step.after.state.arrays
-        same = alone.step.control.tobytes() == together.step.control.tobytes() and all(
-            array.tobytes() == together.step.after.state.arrays[name].tobytes() for name, array in arrays.items()
-        )
-        if not same:
-            report.add(
-                "row-wise",
-                _label(
-                    f"after {alone.step.after.step[0]} steps a deputy moves differently alone than in a batch", deputies
-                ),
-                "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
-            )
-            return
-
-
-def _take(step: TeamStep, rows: AnyArray) -> TeamStep:
-    before, after = (TeamView(team.state.take(rows), team.world) for team in (step.before, step.after))
-    fired = {name: array[rows] for name, array in step.fired.items()}
-    has = {name: array.copy() for name, array in step.has.items()}
-    return TeamStep(before, after, fired, step.status[rows], step.dt, has)
-
-
-def _label(what: str, deputies: int) -> str:
-    return what if deputies == 1 else f"{what} with {deputies} deputies"
+    check_alone(
+        sample_spec(plugin, parts=parts, deputies=deputies),
+        lambda flown: {"control": flown.step.control, **flown.step.after.state.arrays},
+        with_deputies("a deputy moves differently alone than in a batch", deputies),
+        "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
+        report,
+    )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import leaderboard, mission_figures, recording
+from safe_inspect.cli.commands import figures, leaderboard, rendezvous
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.baselines import OPTIMISER
 
@@ -156,21 +156,21 @@ def test_a_log_is_characterised_and_its_estimate_written(
     typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, shown: str
 ) -> None:
     used: list[Any] = []
-    monkeypatch.setattr(recording, "read_sensor_log", lambda folder: [folder])
-    monkeypatch.setattr(recording, "check_log", lambda log: ["doubt"])
-    monkeypatch.setattr(recording, "read_target", lambda path: f"target of {path}")
-    monkeypatch.setattr(recording, "PipelineEstimator", lambda front_end: type(front_end).__name__)
+    monkeypatch.setattr(rendezvous, "read_sensor_log", lambda folder: [folder])
+    monkeypatch.setattr(rendezvous, "check_log", lambda log: ["doubt"])
+    monkeypatch.setattr(rendezvous, "read_target", lambda path: f"target of {path}")
+    monkeypatch.setattr(rendezvous, "PipelineEstimator", lambda front_end: type(front_end).__name__)
     monkeypatch.setattr(
-        recording, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
+        rendezvous, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
     )
-    monkeypatch.setattr(recording, "estimate_table", lambda summary: f"table of {summary}")
-    monkeypatch.setattr(recording, "summary_of", lambda log, estimate: (log, estimate))
-    monkeypatch.setattr(recording, "pick_point", lambda log, *picked: f"above {picked}")
-    monkeypatch.setattr(recording, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
-    monkeypatch.setattr(recording, "mating_point_text", lambda point: f"point of {point}")
-    monkeypatch.setattr(recording, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
-    monkeypatch.setattr(recording, "estimate_figure", lambda log, estimate: "figure")
-    monkeypatch.setattr(recording, "save", lambda figure, path: path.write_text(figure))
+    monkeypatch.setattr(rendezvous, "estimate_table", lambda summary: f"table of {summary}")
+    monkeypatch.setattr(rendezvous, "summary_of", lambda log, estimate: (log, estimate))
+    monkeypatch.setattr(rendezvous, "pick_point", lambda log, *picked: f"above {picked}")
+    monkeypatch.setattr(rendezvous, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
+    monkeypatch.setattr(rendezvous, "mating_point_text", lambda point: f"point of {point}")
+    monkeypatch.setattr(rendezvous, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
+    monkeypatch.setattr(rendezvous, "estimate_figure", lambda log, estimate: "figure")
+    monkeypatch.setattr(rendezvous, "save", lambda figure, path: path.write_text(figure))
     code, out, err = typed("characterise", "log", *words)
     assert (code, out) == (0, f"table of (['log'], 'found')\n{shown}")
     assert err.splitlines()[1] == "warning: doubt"
@@ -190,13 +190,13 @@ class Record(SimpleNamespace):
 def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "m").mkdir()
     (here / "m" / "log.npz").write_text("")
-    monkeypatch.setattr(mission_figures, "read_mission", lambda path: Record(arrays={"t": 0.2 * np.arange(9)}))
-    monkeypatch.setattr(mission_figures, "outcome_of", lambda record: f"{len(record.arrays['t'])} steps")
-    monkeypatch.setattr(mission_figures, "mission_figure", lambda record: record)
-    monkeypatch.setattr(mission_figures, "save", lambda record, path: path.write_text("x" * 1600))
+    monkeypatch.setattr(figures, "read_mission", lambda path: Record(arrays={"t": 0.2 * np.arange(9)}))
+    monkeypatch.setattr(figures, "outcome_of", lambda record: f"{len(record.arrays['t'])} steps")
+    monkeypatch.setattr(figures, "mission_figure", lambda record: record)
+    monkeypatch.setattr(figures, "save", lambda record, path: path.write_text("x" * 1600))
     titles: list[str] = []
-    monkeypatch.setattr(mission_figures, "mission_page", lambda record, title: titles.append(title))
-    monkeypatch.setattr(mission_figures, "save_page", lambda page, path: path.write_text(""))
+    monkeypatch.setattr(figures, "mission_page", lambda record, title: titles.append(title))
+    monkeypatch.setattr(figures, "save_page", lambda page, path: path.write_text(""))
     assert typed("draw", "m")[:2] == (0, "mission.png: 9 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.4", "--output", "d.svg")[:2] == (0, "d.svg: 3 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.2")[:2] == (0, "mission.png: 2 steps, 2 kB\n")
@@ -206,19 +206,22 @@ def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkey
     assert typed("view", "m", "--title", "Mine")[0] == 0
     assert titles == ["Rendezvous m", "Mine"]
     given: list[Any] = []
-    monkeypatch.setattr(mission_figures, "MissionFilm", lambda *film: given.append(film))
-    arguments = argparse.Namespace(source="m", until=None, frames=3, width=400, turn=9.0)
-    mission_figures.mission_film(arguments)
+    monkeypatch.setattr(figures, "MissionFilm", lambda *film: given.append(film))
+    monkeypatch.setattr(figures, "save_film", lambda film, path, fps, show: path.write_text("x"))
+    assert typed("film", "m", "--frames", "3", "--width", "400", "--turn", "9")[:2] == (
+        0,
+        "mission.gif: 9 steps, 0 kB\n",
+    )
     assert given[0][1:] == (3, 400, 9.0)
 
 
 def test_an_evaluation_of_environments_is_no_mission(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = argparse.Namespace(source=str(here), cfg=None, overrides=[], seed=0, episode=0, command="view")
-    monkeypatch.setattr(mission_figures, "is_evaluation", lambda folder: True)
-    monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
-    assert not mission_figures.is_mission_source(arguments)
-    monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
+    monkeypatch.setattr(figures, "is_evaluation", lambda folder: True)
+    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
+    assert not figures.is_mission_source(arguments)
+    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
     with pytest.raises(SafeInspectError, match=r"run one of them with `rendezvous --episode N --output FOLDER`$"):
-        mission_figures.is_mission_source(arguments)
+        figures.is_mission_source(arguments)
     arguments.command = "draw"
-    assert mission_figures.is_mission_source(arguments)
+    assert figures.is_mission_source(arguments)

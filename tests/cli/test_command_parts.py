@@ -17,7 +17,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import Problem
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rta.constraints.certified import NAMES
+from safe_inspect.rta.constraints.sets import NAMES
 
 EXPERIMENT = str(configs_root() / "translational-inspection" / "experiment.yml")
 MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
@@ -234,7 +234,7 @@ def test_what_an_export_writes_and_says(
         return SimpleNamespace(path=target, info=info, difference=difference, flown=1000)
 
     monkeypatch.setattr(export, "newest_checkpoint", lambda path: Path("c"))
-    monkeypatch.setattr(work, "policies_in", lambda checkpoint: names)
+    monkeypatch.setattr(export, "policy_names", lambda checkpoint: names)
     monkeypatch.setattr(work, "export_policy", write)
     code, out, err = typed("export", "run", *words)
     if asked is None:

@@ -151,7 +151,7 @@ def test_list_of_what_is_not_there(typed, words, shown):
 
 def test_list_of_a_class_by_its_dotted_path(typed):
     by_path, by_name = (
-        typed("list", "reward", "safe_inspect.rewards.ObservedPointsReward"),
+        typed("list", "reward", "safe_inspect.rewards.inspection.ObservedPointsReward"),
         typed("list", "reward", "ObservedPointsReward"),
     )
     assert by_path[0] == 0
@@ -291,6 +291,10 @@ def test_what_is_no_command_line_is_refused(typed, words):
         (
             "initial_weights=docking",
             "model_config.initial_weights: docking: its weights do not match this policy",
+        ),
+        (
+            "initial_weights=dockin",
+            "'dockin' is neither the folder of a checkpoint nor a policy that the package ships",
         ),
         ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
     ],

@@ -271,7 +271,7 @@ def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):
         (("random", "--metric", "DeltaVV"), "did you mean `DeltaV`?"),
         (
             ("random", "--metric", "{functor: SmallestRange, config: {entity_name: sol}}"),
-            "this task has no entity 'sol'",
+            "no entity is named 'sol'",
         ),
         (("random", "--output", "file.txt"), "file.txt: this is a file or a symbolic link"),
         (("random", "--output", "file.txt/out"), "the folder cannot be written"),

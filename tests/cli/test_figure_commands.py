@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import figures, mission_figures
+from safe_inspect.cli.commands import figures
 from safe_inspect.errors import SafeInspectError
 
 Typed = Callable[..., tuple[int, str, str]]
@@ -57,11 +57,11 @@ def trajectory(points: int = 3) -> Any:
 
 @pytest.mark.parametrize(
     ("words", "title"),
-    [((), "inspector, T, episode 6 of seed 3"), (("--title", "Mine"), "Mine")],
+    [((), "its title"), (("--title", "Mine"), "Mine")],
 )
 def test_the_title_of_a_page(typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], title: str) -> None:
     titles: list[str] = []
-    monkeypatch.setattr(figures, "_episode", lambda arguments: (trajectory(0), "T"))
+    monkeypatch.setattr(figures, "_episode", lambda arguments: (trajectory(0), "its title"))
     monkeypatch.setattr(figures, "episode_page", lambda episode, title: titles.append(title))
     monkeypatch.setattr(figures, "save_page", lambda page, path: path.write_text("x" * 2600))
     assert typed("view", "inspector", "--seed", "3", *words)[:2] == (
@@ -91,8 +91,8 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
         "seed": 5,
         "until": None,
     }
-    episode, task = figures._episode(argparse.Namespace(**given))
-    assert (episode.slot, task, cut) == (4, "T", [])
+    episode, title = figures._episode(argparse.Namespace(**given))
+    assert (episode.slot, title, cut) == (4, "inspector, T, episode 4 of seed 5", [])
     assert asked == [(["inspector"], figures.Wanted("c", ("a=1",))), ("spec", "policies", 4, 5)]
     assert len(figures._episode(argparse.Namespace(**given | {"until": 2.0}))[0].time) == 2
     with pytest.raises(
@@ -103,7 +103,7 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     (here / "run" / "trajectories.parquet").write_text("")
     monkeypatch.setattr(figures, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
-    assert figures._episode(argparse.Namespace(**read))[1] == ""
+    assert figures._episode(argparse.Namespace(**read))[1] == "run, episode 7"
     for change, shown in (
         ({"cfg": "c"}, "run: --cfg has no effect on a recorded episode; remove it"),
         ({"overrides": ["a=1"]}, "run: KEY=VALUE has no effect on a recorded episode; remove it"),
@@ -172,24 +172,24 @@ def test_options_that_a_flown_mission_does_not_have(here: Path, name: str, chang
     arguments = argparse.Namespace(
         **{"source": str(here), "cfg": None, "overrides": [], "seed": 0, "episode": 0, "command": "film"} | change
     )
-    assert not mission_figures.is_mission_source(arguments)
+    assert not figures.is_mission_source(arguments)
     (here / name).write_text("")
     if not shown:
-        assert mission_figures.is_mission_source(arguments)
+        assert figures.is_mission_source(arguments)
         return
     with pytest.raises(SafeInspectError) as caught:
-        mission_figures.is_mission_source(arguments)
+        figures.is_mission_source(arguments)
     assert str(caught.value) == f"{here}: {shown}"
 
 
 def test_many_missions_are_drawn_alone(here: Path, monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
-    monkeypatch.setattr(mission_figures, "is_evaluation", lambda folder: True)
-    monkeypatch.setattr(mission_figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
+    monkeypatch.setattr(figures, "is_evaluation", lambda folder: True)
+    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
     found = type("Found", (list,), {"team": "team"})([1, 2, 3])
-    monkeypatch.setattr(mission_figures, "read_evaluation", lambda folder: found)
-    monkeypatch.setattr(mission_figures, "ends", lambda team: f"ends of the {team}")
-    monkeypatch.setattr(mission_figures, "campaign_figure", lambda evaluation: evaluation)
-    monkeypatch.setattr(mission_figures, "save", lambda figure, path: path.write_text("x"))
+    monkeypatch.setattr(figures, "read_evaluation", lambda folder: found)
+    monkeypatch.setattr(figures, "ends", lambda team: f"ends of the {team}")
+    monkeypatch.setattr(figures, "campaign_figure", lambda evaluation: evaluation)
+    monkeypatch.setattr(figures, "save", lambda figure, path: path.write_text("x"))
     assert typed("draw", str(here))[:2] == (0, "mission.png: 3 missions, ends of the team\n")
     assert (
         typed("draw", str(here), "--until", "3")[2]

@@ -16,7 +16,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.record import json_value
+from safe_inspect.rendezvous.missions.record import json_text
 
 _FILE = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
 _QUICK = ["mission.observe=1 s", "mission.checkout=0.4 s", "mission.wait_limit=0 s"]
@@ -58,7 +58,7 @@ def test_an_episode_of_an_evaluation_is_flown_alone(tmp_path: Path) -> None:
     assert main(["rendezvous", *short, "--episode", "3", "--output", str(tmp_path / "run")]) == 1
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     expected = Mission(load_rendezvous(short[0], short[1:]).config, 3).run().summary
-    assert summary == json.loads(json.dumps(json_value(expected)))
+    assert summary == json.loads(json_text(expected))
 
 
 def test_many_missions_are_flown_by_evaluate(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from safe_inspect.cli import arguments, common, flights
-from safe_inspect.cli.commands import evaluate, figures, leaderboard, recording
+from safe_inspect.cli.commands import evaluate, figures, leaderboard, rendezvous
 from safe_inspect.cli.common import Parser, parse_arguments, run_command
 from safe_inspect.cli.main import command_parser
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
@@ -55,10 +55,10 @@ def test_numbers_within_their_limits_are_taken_and_no_others(kind: Callable[[str
 )  # fmt: skip
 def test_the_pixel_above_which_a_point_is_picked(text: str, found: tuple[Any, ...] | None) -> None:
     if found is not None:
-        assert recording._picked(text) == found
+        assert rendezvous._picked(text) == found
         return
     with pytest.raises(SafeInspectError) as caught:
-        recording._picked(text)
+        rendezvous._picked(text)
     assert str(caught.value) == (
         f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
     )

@@ -17,11 +17,11 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.config.keys import old_keys, other_words, rllib_keys, run_keys
+from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
 from safe_inspect.config.keys.rllib_keys import Key
 
 RECORD = Path(__file__).with_name("key_tables.txt")
-MODULES = (rllib_keys, run_keys, old_keys, other_words)
+MODULES = (rllib_keys, run_keys, old_keys)
 
 
 def _shown(value: Any) -> str:

@@ -65,5 +65,5 @@ def test_paths_are_printed_with_indices_in_brackets():
 
 
 def test_locations_of_files_and_of_the_command_line():
-    assert str(Location("configs/a.yml", 41, 3)) == "configs/a.yml:41"
+    assert str(Location("configs/a.yml", 41)) == "configs/a.yml:41"
     assert str(Location("command line", 0, text="lr=abc")) == "command line: lr=abc"

@@ -6,7 +6,7 @@ import warnings
 import pytest
 
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys.other_words import OTHER_WORDS
+from safe_inspect.config.keys.old_keys import OTHER_WORDS
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import locate
 from safe_inspect.config.overrides import apply_overrides

@@ -66,13 +66,10 @@ class Experiment(BaseModel):
         return title
 
 
-def report(tree: Any, model: type[BaseModel] = Experiment, prefix: tuple[Any, ...] = ()) -> list[str]:
-    part = tree
-    for key in prefix:
-        part = part[key]
+def report(tree: Any, model: type[BaseModel] = Experiment) -> list[str]:
     with pytest.raises(ValidationError) as caught:
-        model.model_validate(part)
-    return [str(problem) for problem in problems_of(caught.value, tree, prefix, model)]
+        model.model_validate(tree)
+    return [str(problem) for problem in problems_of(caught.value, tree, model)]
 
 
 def trial(write, config: str) -> list[str]:
@@ -150,13 +147,6 @@ def test_keys_of_plain_models(write):
 def test_a_validators_message_stands_as_it_is(write):
     write({"a.yml": "title: long\n"})
     assert report(load("a.yml")) == ["a.yml:1 title: the title 'long' is too long"]
-
-
-def test_a_prefix_leads_to_the_part_that_was_validated(write):
-    write({"a.yml": "x: 1\nagents:\n  - !include b.yml\n", "b.yml": "factor: 1\nfactr: 2\n"})
-    assert report(load("a.yml"), Scaling, ("agents", 0)) == [
-        "b.yml:2 agents[0].factr: unknown key `factr`; did you mean `factor`?"
-    ]
 
 
 def test_an_overridden_value_is_located_on_the_command_line(write):

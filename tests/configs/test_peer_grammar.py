@@ -14,7 +14,7 @@ from safe_inspect.config.loading.loader import load
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.train import read_settings
+from safe_inspect.experiments.runs.training_run import read_settings
 
 FILES = Path(__file__).parent / "peer_grammar"
 

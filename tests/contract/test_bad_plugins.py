@@ -17,7 +17,7 @@ from safe_inspect.plugins import Plugin, SensorName
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rewards import Reward
-from safe_inspect.rta.constraints import Constraint, Evaluation
+from safe_inspect.rta.constraints import Constraint, ConstraintValues
 from safe_inspect.simulators import Initializer, Parameter
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.testing import check_plugin
@@ -521,7 +521,7 @@ class TestValues:
             """
 
             def evaluate(self, state):
-                out = Evaluation.zeros(len(state))
+                out = ConstraintValues.zeros(len(state))
                 out.phi[:] = state.position[:, 0]
                 return out
 
@@ -533,7 +533,7 @@ class TestValues:
 
             def evaluate(self, state):
                 rows = len(state)
-                return Evaluation(np.zeros(rows), np.zeros(rows), np.zeros((rows, 3)), np.zeros(rows))
+                return ConstraintValues(np.zeros(rows), np.zeros(rows), np.zeros((rows, 3)), np.zeros(rows))
 
         assert "phi" in breaches(TwofoldConstraint)
         assert "gradient" in breaches(FlatConstraint)["shape"]
@@ -551,7 +551,7 @@ class TestValues:
                 gradient = np.zeros((len(state), 6))
                 gradient[:, 2], gradient[:, 5] = -1.0, -self.wrong * np.abs(speed) / 0.08
                 h = 300.0 - height - speed * np.abs(speed) / 0.16
-                return Evaluation(300.0 - height, h, gradient, np.zeros(len(state)))
+                return ConstraintValues(300.0 - height, h, gradient, np.zeros(len(state)))
 
         plugin = BrakingSlab(wrong=factor)
         found = breaches(plugin)
@@ -588,7 +588,7 @@ class TestValues:
                 gradient = np.zeros((len(state), 6))
                 gradient[:, 2], gradient[:, 5] = -1.0, -np.abs(speed) / 0.08
                 h = 300.0 - height - speed * np.abs(speed) / 0.16
-                return Evaluation(300.0 - height, h, gradient, np.zeros(len(state)))
+                return ConstraintValues(300.0 - height, h, gradient, np.zeros(len(state)))
 
             @staticmethod
             def half_space(p, x, d):
@@ -624,7 +624,7 @@ class TestValues:
             error: float = 0.0
 
             def evaluate(self, state):
-                out, away = Evaluation.zeros(len(state)), state.position - [0.0, self.distance, 0.0]
+                out, away = ConstraintValues.zeros(len(state)), state.position - [0.0, self.distance, 0.0]
                 size = np.linalg.norm(away, axis=1)
                 out.phi[:], unit = size - self.radius, away / size[:, None]
                 closing = (unit * state.velocity).sum(axis=1)
@@ -654,7 +654,7 @@ class TestValues:
             def evaluate(self, state):
                 h = 300.0 - state.position[:, 2]
                 gradient = np.tile([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], (len(state), 1))
-                return Evaluation(h, h, gradient, np.zeros(len(state)))
+                return ConstraintValues(h, h, gradient, np.zeros(len(state)))
 
         class RoughSlab(Constraint):
             """A h too rough for any gradient to be compared with."""
@@ -662,7 +662,7 @@ class TestValues:
             def evaluate(self, state):
                 h = np.sin(1e9 * state.position[:, 2] * state.velocity[:, 2])
                 gradient = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(state), 1))
-                return Evaluation(h, h, gradient, np.zeros(len(state)))
+                return ConstraintValues(h, h, gradient, np.zeros(len(state)))
 
         assert set(breaches(Slab)) == {"thrust"}
         assert "velocity part of the gradient" in breaches(Slab)["thrust"]

@@ -11,7 +11,7 @@ from safe_inspect.dones import SharedDoneFunction
 from safe_inspect.platforms import Sensor
 from safe_inspect.policies import SCRIPTED_POLICY, ScriptedPolicy
 from safe_inspect.rewards import Reward
-from safe_inspect.rta.team import TeamFiltered, TeamSafety
+from safe_inspect.rta.base import TeamFiltered, TeamSafety
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.testing import check_plugin
 

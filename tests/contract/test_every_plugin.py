@@ -7,35 +7,36 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.dones import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
-from safe_inspect.glues import ControllerGlue, LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
-from safe_inspect.platforms import (
+from safe_inspect.dones.shared import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, StandardNormalNormalizer
+from safe_inspect.glues.observations import ObserveSensor
+from safe_inspect.platforms.controllers import RateController
+from safe_inspect.platforms.neighbour_sensors import (
     DeputyScanSensor,
-    EntityPositionSensor,
-    InspectedPointsSensor,
     NearestDeputiesPositionSensor,
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
-    RateController,
-    SunAngleSensor,
-    UninspectedPointsSensor,
 )
+from safe_inspect.platforms.point_sensors import InspectedPointsSensor, UninspectedPointsSensor
+from safe_inspect.platforms.state_sensors import EntityPositionSensor, SunAngleSensor
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies import SixDofInspector, ZeroThrust
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.plugins import MeshTarget
-from safe_inspect.rewards import InspectionCrashReward, InspectionDeltaVReward
+from safe_inspect.rewards.delta_v import InspectionDeltaVReward
+from safe_inspect.rewards.inspection import InspectionCrashReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
-from safe_inspect.simulators import (
+from safe_inspect.simulators.resets.initializers import RejectionSamplerInitializer
+from safe_inspect.simulators.resets.parameters import (
     ConstantParameter,
-    RejectionSamplerInitializer,
     SimAttributeAccessor,
     TruncatedNormalParameter,
     UniformParameter,
 )
-from safe_inspect.tasks import InspectionSimulator
-from safe_inspect.tasks.inspection.illumination import IlluminationParams
+from safe_inspect.tasks.inspection.simulator import InspectionSimulator
+from safe_inspect.tasks.inspection.sun import IlluminationParams
 from safe_inspect.testing import check_plugin, sample_spec
 
 
@@ -71,7 +72,7 @@ def test_registered_plugin_keeps_the_contract(kind: str, name: str) -> None:
 
 def test_every_kind_of_the_package_is_there() -> None:
     expected = {"constraint", "done", "glue", "initializer", "metric", "normalizer", "parameter", "part", "platform",
-                "policy", "property", "reward", "shared_done", "simulator"}  # fmt: skip
+                "policy", "reward", "shared_done", "simulator"}  # fmt: skip
     assert expected <= set(registry.kinds())
 
 

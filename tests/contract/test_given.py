@@ -12,12 +12,11 @@ from safe_inspect.dynamics import NO_DISTURBANCE
 from safe_inspect.glues import ActionGlue, Normalizer, ObservationGlue
 from safe_inspect.metrics import Metric, TeamMetric
 from safe_inspect.platforms import Controller, Sensor
-from safe_inspect.platforms.base import Platform, Property
+from safe_inspect.platforms.base import Platform
 from safe_inspect.policies import ScriptedPolicy
 from safe_inspect.rewards import Reward
-from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.rta.constraints import Constraint, Evaluation
-from safe_inspect.rta.team import TeamFiltered, TeamSafety
+from safe_inspect.rta.base import SafetyGlue, TeamFiltered, TeamSafety
+from safe_inspect.rta.constraints import Constraint, ConstraintValues
 from safe_inspect.simulators import Component, Initializer, Parameter, RunningComponent
 from safe_inspect.testing import check_plugin
 
@@ -36,12 +35,12 @@ def _no_thrust(view: Any, limits: Any) -> Any:
     return np.zeros((view.num_rows, len(limits.low)))
 
 
-def _braking(state: Any) -> Evaluation:
+def _braking(state: Any) -> ConstraintValues:
     height, speed = state.position[:, 2], state.velocity[:, 2]
     gradient = np.zeros((len(state), 6))
     gradient[:, 2], gradient[:, 5] = -1.0, -np.abs(speed) / 0.08
     h = 300.0 - height - speed * np.abs(speed) / 0.16
-    return Evaluation(300.0 - height, h, gradient, np.zeros(len(state)))
+    return ConstraintValues(300.0 - height, h, gradient, np.zeros(len(state)))
 
 
 def _filtered(desired: Any, team: Any) -> TeamFiltered:
@@ -109,10 +108,6 @@ KINDS = {
     ),
     "platform": lambda calls: made(
         Platform, __call__=calls.spied(lambda parts: tuple(part.part_name for part in parts))
-    ),
-    "property": lambda calls: made(
-        Property, "Do it.\n\nAttributes:\n    name: Its name.", limits=property(lambda self: (-1.0, 2.0)),
-        __call__=calls.spied(lambda value: np.clip(value, -1.0, 2.0)),
     ),
     "metric": lambda calls: made(
         Metric, reduce="sum", __call__=calls.spied(lambda step: step.after.time.copy()),

@@ -24,8 +24,6 @@ from safe_inspect.rendezvous.plugins import (
     StateEstimator,
     TargetModel,
     Tracker,
-    TriAxialTumble,
-    Tumble,
 )
 from safe_inspect.testing import check_plugin
 
@@ -41,11 +39,6 @@ TURN = np.array([0.0, 0.0, 0.0, 1.0])
 def target(change: Callable[[Any], Any]) -> type:
     """Return a target model that changes Envisat."""
     return made(TargetModel, __call__=lambda self: change(EnvisatTarget()()))
-
-
-def tumble(call: Callable[[Any], Any]) -> type:
-    """Return a tumble."""
-    return made(Tumble, __call__=lambda self, streams: call(streams))
 
 
 def run_of(plugin: Any, method: str, change: Callable[..., Any]) -> Callable[..., Any]:
@@ -128,11 +121,6 @@ REFUSED = {
         counted(lambda call, body: replace(body, mating_point=body.mating_point * (1.0 + 0.01 * call)))
     ),
     "target that fails": lambda: target(lambda body: body.no_such_name),
-    "attitude of another length": lambda: tumble(lambda streams: (1.001 * TURN, TURN[:3])),
-    "attitude of three numbers": lambda: tumble(lambda streams: (np.array([0.0, 0.6, 0.8]), TURN[:3])),
-    "angular velocity without an end": lambda: tumble(lambda streams: (TURN, np.full(3, np.nan))),
-    "angular velocity as a list": lambda: tumble(lambda streams: (TURN, [0.0, 0.0, 0.1])),
-    "tumble that speeds up": lambda: tumble(counted(lambda call, streams: (TURN, 0.01 * call * np.ones(3)))),
     "estimate without an end": lambda: estimator(
         lambda estimate, readings: replace(estimate, chaser=estimate.chaser._replace(velocity=np.full(3, np.inf)))
     ),
@@ -203,7 +191,6 @@ def _noting(calls: Calls, plugin: Any, *methods: str) -> Callable[..., Any]:
 
 
 KINDS = {
-    "tumble": lambda calls: made(Tumble, __call__=_noting(calls, TriAxialTumble())),
     "estimator": lambda calls: made(
         StateEstimator, reads=property(lambda self: ("state", "inertial")),
         __call__=_noting(calls, MeasuredState(), "update"),

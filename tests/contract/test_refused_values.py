@@ -14,13 +14,13 @@ from safe_inspect.glues.base import Glue
 from safe_inspect.metrics import Metric, TeamMetric
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.platforms import Controller, Sensor
-from safe_inspect.platforms.base import Part, Platform, Property
+from safe_inspect.platforms.base import Part, Platform
 from safe_inspect.rewards import Reward
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators import Component, Parameter, RunningComponent
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.tasks import BoundedDisturbance
+from safe_inspect.tasks.disturbances.component import BoundedDisturbance
 from safe_inspect.testing import check_plugin
 from safe_inspect.testing.samples import SampleVehicle
 
@@ -74,14 +74,6 @@ def accepts(*sizes: int) -> Any:
 def platform(call: Any) -> type:
     """Return a platform that takes parts by a function."""
     return made(Platform, __call__=lambda self, parts: call(parts))
-
-
-def prop(low: float, high: float, call: Any) -> type:
-    """Return a property with limits."""
-    return made(
-        Property, "Do it.\n\nAttributes:\n    name: Its name.", limits=property(lambda self: (low, high)),
-        __call__=lambda self, value: call(value),
-    )  # fmt: skip
 
 
 def remembers(base: type, kind: str, **members: Any) -> type:
@@ -202,10 +194,6 @@ REFUSED = {
     "platform that loses a part": lambda: platform(lambda parts: tuple(part.part_name for part in parts[1:])),
     "platform that no parts fit": lambda: platform(refuse),
     "platform that fails": lambda: platform(lambda parts: parts[-1].no_such_name),
-    "property with equal limits": lambda: prop(1.0, 1.0, np.copy),
-    "property above its limits": lambda: prop(-1.0, 2.0, lambda value: np.maximum(value, -1.0)),
-    "property below its limits": lambda: prop(-1.0, 2.0, lambda value: np.minimum(value, 2.0)),
-    "property of another shape": lambda: prop(-1.0, 2.0, lambda value: np.clip(value, -1.0, 2.0)[:, None]),
     "metric without a way to reduce": lambda: metric(Metric, lambda step: step.after.time.copy(), reduce="median"),
     "metric without a unit": lambda: metric(Metric, lambda step: step.after.time.copy(), unit=""),
     "metric with a number as label": lambda: metric(
@@ -258,7 +246,6 @@ ACCEPTED = {
     "normaliser of one size": lambda: normalizer(_flip, _flip, check=accepts(16)),
     "normaliser of three among others": lambda: normalizer(_flip, _flip, check=accepts(2, 3)),
     "platform without parts": lambda: platform(lambda parts: refuse() if parts else ()),
-    "property": lambda: prop(-1.0, 2.0, lambda value: np.clip(value, -1.0, 2.0)),
     "metric without values": lambda: metric(Metric, lambda step: np.full(len(step.control), np.nan)),
     "metric that concludes": lambda: metric(
         Metric, lambda step: step.after.time.copy(), conclude=lambda self, value, step: 2.0 * value

@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dones import (
-    CollisionDoneFunction,
-    CrashDoneFunction,
-    DoneStatus,
-    MaxDistanceDoneFunction,
-    MultiagentSuccessDoneFunction,
-    SetAllDoneFunction,
-    SuccessfulInspectionDoneFunction,
-)
+from safe_inspect.dones import DoneStatus
+from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.shared import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
+from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.platforms import UninspectedPointsSensor
-from safe_inspect.rewards import ObservedPointsReward
+from safe_inspect.platforms.point_sensors import UninspectedPointsSensor
+from safe_inspect.rewards.inspection import ObservedPointsReward
 from safe_inspect.testing import sample_spec, sample_steps, sample_team_steps, take_rows
 
 

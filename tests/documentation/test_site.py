@@ -50,7 +50,9 @@ def test_the_site_builds_and_holds_the_pages_of_other_folders(site: Path) -> Non
 @pytest.mark.slow
 def test_the_reference_shows_fields_with_their_defaults_and_what_docstrings_say(site: Path) -> None:
     page = (site / "reference" / "safe_inspect.rewards.html").read_text(encoding="utf-8")
-    text = page.partition('id="safe_inspect.rewards.ObservedPointsReward"')[2].partition('id="safe_inspect.')[0]
+    text = page.partition('id="safe_inspect.rewards.inspection.ObservedPointsReward"')[2].partition(
+        'id="safe_inspect.'
+    )[0]
     words = " ".join(html.unescape(re.sub(r"<[^>]*>", " ", text)).split())
     assert re.search(r"scale ?: float = 0.01", words), words
     assert "Pay scale for every point that the team first inspects in this step" in words

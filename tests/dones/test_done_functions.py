@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dones import (
-    CrashDoneFunction,
-    DoneStatus,
-    EpisodeLengthDone,
-    MaxDistanceDoneFunction,
-    SuccessfulInspectionDoneFunction,
-)
+from safe_inspect.dones import DoneStatus
+from safe_inspect.dones.limits import EpisodeLengthDone
+from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
 from safe_inspect.environments import BatchedEnvironment
 
 STILL = np.zeros((1, 1, 3))

@@ -7,13 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.dones import (
-    CollisionDoneFunction,
-    DoneStatus,
-    MultiagentSuccessDoneFunction,
-    SetAllDoneFunction,
-    SharedDoneFunction,
-)
+from safe_inspect.dones import DoneStatus, SharedDoneFunction
+from safe_inspect.dones.shared import CollisionDoneFunction, MultiagentSuccessDoneFunction, SetAllDoneFunction
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.plugins.functor import build
 from safe_inspect.simulators.state import State, base_specs

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from safe_inspect.dynamics import ClohessyWiltshire, ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import advance_kernel
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, rotate
 
 STEP, MASS, N, LIMIT = 10.0, 12.0, 0.001027, 0.034907

@@ -12,14 +12,15 @@ from scipy.linalg import expm
 
 from safe_inspect.dynamics.coasting import (
     closed_motion_state,
-    closest_time,
     coast,
     coasting_position,
+    extreme_time,
     grid,
     largest_coasting_range,
     least_coasting_range,
 )
-from safe_inspect.dynamics.cwh import system_matrices
+
+from ..reference.hill import system_matrices
 
 N = 0.001027
 units = st.tuples(*[st.floats(-1.0, 1.0)] * 6)
@@ -70,7 +71,7 @@ def test_no_sample_is_nearer_than_the_nearest_or_farther_than_the_farthest(unit,
     least, largest = least_coasting_range(p, v, table, N), largest_coasting_range(p, v, table, N)
     assert ranges.min() - between - tiny <= least <= ranges.min() + tiny
     assert ranges.max() - tiny <= largest <= ranges.max() + between + tiny
-    t = closest_time(p, v, table, N)
+    t = extreme_time(p, v, table, N, 1.0)
     assert 0.0 <= t <= horizon
     there = np.linalg.norm(np.array(coast(p, v, t, math.sin(N * t), math.cos(N * t), N))[:3])
     assert there == pytest.approx(least, rel=1e-12)

@@ -10,8 +10,8 @@ from scipy.special import ellipj, ellipkinc, ellipkm1
 
 from safe_inspect.dynamics.coasting import CELL, closed_motion_state, coasting_position, grid
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.elliptic import amplitude, complete_first, incomplete_first, incomplete_third
 from safe_inspect.dynamics.regulator import regulator
+from safe_inspect.dynamics.tumble import amplitude, complete_first, incomplete_first, incomplete_third
 
 COMPLEMENTS = np.array([1e-30, 1e-12, 1e-3, 0.2, 0.7, 1.0])
 ANGLES = np.array([-9.0, -1.6, -0.3, 0.0, 0.5, 1.5, 3.0, 4.8, 11.0])

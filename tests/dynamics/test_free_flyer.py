@@ -13,10 +13,11 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.free_flyer import FreeFlyer
 from safe_inspect.dynamics.quaternion import exp, rotate
 from safe_inspect.dynamics.tide import largest_tide, tidal_acceleration, to_hill
-from safe_inspect.simulators import ConstantParameter, PositionVelocityInitializer
+from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
-from safe_inspect.simulators.simulation import Simulation
-from safe_inspect.tasks.rendezvous.actuators import Actuators
+from safe_inspect.simulators.simulator import Simulation
+from safe_inspect.tasks.disturbances.thruster_model import Actuators
 
 _MASS = 9.583788668
 _INERTIA = np.array([0.153427995, 0.14271405, 0.162302759])

@@ -10,8 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_RADIUS
-from safe_inspect.dynamics.orbit.shadow import SUN_RADIUS, Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.orbit.earth import (
+    EARTH_GRAVITY,
+    EARTH_RADIUS,
+    SUN_RADIUS,
+    Shadow,
+    earth_shadow,
+    sunlight_row,
+)
 
 DISTANCE = 150e9
 

@@ -11,7 +11,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.decisions import decide
 from safe_inspect.errors import PluginValueError
-from safe_inspect.simulators.simulation import Simulation
+from safe_inspect.simulators.simulator import Simulation
 
 ONE = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 TEAM = configs_root() / "multiagent-translational-inspection" / "experiment-burn-and-coast.yml"

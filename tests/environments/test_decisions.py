@@ -16,7 +16,7 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.metrics import Decisions
 from safe_inspect.rta.base import Filtered
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 
 ONE = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
 LEVELS = configs_root() / "translational-inspection" / "experiment.yml"
@@ -242,7 +242,7 @@ def test_the_coast_is_one_of_a_few_choices_in_addition_to_levels():
     ("override", "expected"),
     [
         (coast([]), "is empty; give one or more"),
-        (coast([0, 1]), "at least 1 control step, not 0"),
+        (coast([0, 1]), "expected a number of 1 or more, got 0"),
         (coast([1, 4, 2]), "must be in ascending order"),
         (coast([2, 2]), "must be in ascending order"),
         (coast([1.5]), "expected a whole number, got 1.5"),

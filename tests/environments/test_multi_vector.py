@@ -13,11 +13,12 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones import DoneStatus
-from safe_inspect.environments import InspectionParallelEnv, MultiAgentVectorEnv, TeamEnvironment, make_parallel_vec
+from safe_inspect.environments import MultiAgentVectorEnv, TeamEnvironment, make_parallel_vec
 from safe_inspect.environments.episodes import team_info
+from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.policies.blind import RandomThrust
-from safe_inspect.rta.team import TeamFiltered, TeamSafety
+from safe_inspect.policies.open_loop import RandomThrust
+from safe_inspect.rta.base import TeamFiltered, TeamSafety
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.types import BoolArray, FloatArray
 

@@ -17,15 +17,15 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import (
     InspectionEnv,
-    InspectionParallelEnv,
     InspectionVectorEnv,
     TeamEnvironment,
     make,
     make_parallel,
     make_vec,
 )
+from safe_inspect.environments.facades.parallel import InspectionParallelEnv
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.policies.blind import RandomThrust, ZeroThrust
+from safe_inspect.policies.open_loop import RandomThrust, ZeroThrust
 
 TASK = configs_root() / "multiagent-translational-inspection" / "experiment-seed.yml"
 ONE, FILTER_ON = "blue#_ctrl.count=1", "RTAGlueCWHInspection1v1.config.enabled=True"
@@ -252,7 +252,7 @@ class TestErrors:
 def test_pettingzoo_is_imported_for_its_own_facade_alone():
     code = (
         "import sys, safe_inspect.environments as e; e.make_parallel_vec; assert 'pettingzoo' not in sys.modules; "
-        "e.InspectionParallelEnv; assert 'pettingzoo' in sys.modules"
+        "import safe_inspect.environments.facades.parallel; assert 'pettingzoo' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
     with pytest.raises(AttributeError, match="nothere"):

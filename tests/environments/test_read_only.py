@@ -20,9 +20,9 @@ from safe_inspect.platforms import Sensor
 from safe_inspect.plugins.functor import Named
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy
-from safe_inspect.policies.blind import ZeroThrust
+from safe_inspect.policies.open_loop import ZeroThrust
 from safe_inspect.rewards import Reward
-from safe_inspect.rta.constraints import Constraint, Evaluation
+from safe_inspect.rta.constraints import Constraint, ConstraintValues
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.task_ids import TEAM_TASKS
 
@@ -247,7 +247,7 @@ def test_a_constraint_works_on_copies(shipped, num_envs):
     def speed_limit(state):
         """Return h = 100 m/s - v_z, which is met everywhere."""
         h = 100.0 - state.velocity[:, 2]
-        return Evaluation(h, h, np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(h), 1)), np.zeros(len(h)))
+        return ConstraintValues(h, h, np.tile([0.0, 0.0, 0.0, 0.0, 0.0, -1.0], (len(h), 1)), np.zeros(len(h)))
 
     class HarmlessConstraint(Constraint):
         """The speed limit."""

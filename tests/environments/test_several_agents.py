@@ -12,17 +12,20 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.dones import DoneStatus, MaxDistanceDoneFunction, SetAllDoneFunction
-from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.dones import DoneStatus
+from safe_inspect.dones.limits import EpisodeLengthDone
+from safe_inspect.dones.motion import MaxDistanceDoneFunction
+from safe_inspect.dones.shared import SetAllDoneFunction
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, team
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import PluginValueError
-from safe_inspect.glues.observe_sensor import ObserveSensor
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.plugins.functor import Named
-from safe_inspect.policies.blind import RandomThrust, ZeroThrust
 from safe_inspect.policies.inspector import NaturalMotionInspector
+from safe_inspect.policies.open_loop import RandomThrust, ZeroThrust
 from safe_inspect.random.streams import Streams
-from safe_inspect.rewards import InspectionDeltaVReward, ObservedPointsReward
+from safe_inspect.rewards.delta_v import InspectionDeltaVReward
+from safe_inspect.rewards.inspection import ObservedPointsReward
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw

@@ -9,10 +9,10 @@ import pytest
 
 from safe_inspect.environments import load_spec
 from safe_inspect.environments.thrust import Thrusters
-from safe_inspect.glues import ControllerGlue
-from safe_inspect.glues.normalization import Normalization
-from safe_inspect.platforms import RateController
-from safe_inspect.platforms.base import Property
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import Normalization
+from safe_inspect.platforms.base import Controller
+from safe_inspect.platforms.controllers import RateController
 
 ACTIONS = np.concatenate([np.random.default_rng(0).normal(0.0, 1.0, (200, 3)), [[-0.0, 0.0, -2.0], [2.0, -0.0, 0.0]]])
 
@@ -45,29 +45,42 @@ def one_by_one(agent, actions):
 def test_the_thrusts_are_those_of_the_glues_one_by_one(agent, axes, normalised):
     made = with_controllers(agent, axes, normalised=normalised)
     actions = ACTIONS[:, : len(axes)]
-    found = Thrusters(made)(actions)
-    expected = one_by_one(made, actions)
+    thrusters, expected = Thrusters(made), one_by_one(made, actions)
+    found = thrusters(actions)
     assert found.tobytes() == expected.tobytes()  # the sign of zero too
+    assert (thrusters.plain is None) == (normalised or len(set(axes)) < len(axes))
+    bounds = np.full((2, len(axes)), np.inf) * [[-1.0], [1.0]]
+    at_once = thrusters.clipped(actions[:, None], *bounds)
+    if thrusters.plain is None:
+        assert at_once is None
+    else:
+        assert at_once[0].tobytes() == actions.tobytes()
+        assert at_once[1].tobytes() == expected.tobytes()
     assert np.abs(found).max() > 0.5
 
 
 @pytest.mark.usefixtures("clean_registry")
-def test_a_property_of_another_kind_is_asked_for_every_value(agent):
-    class DeadBandProp(Property):
-        """Thrust along one axis that small commands do not move."""
+def test_a_controller_of_another_class_is_asked_for_every_value(agent):
+    class DeadBandController(Controller):
+        """Thrust along one axis that small commands do not move.
+
+        Attributes:
+            axis: The axis.
+        """
+
+        axis: int = 0
 
         @property
         def limits(self):
-            return -1.0, 1.0
+            return np.array([-1.0]), np.array([1.0])
 
-        def __call__(self, value):
-            return np.where(np.abs(value) < 0.3, 0.0, np.clip(value, -1.0, 1.0))
+        def __call__(self, values):
+            share = np.zeros((len(values), 3))
+            share[:, self.axis] = np.where(np.abs(values[:, 0]) < 0.3, 0.0, np.clip(values[:, 0], -1.0, 1.0))
+            return share
 
     made = with_controllers(agent, (0, 2))
-    parts = {
-        name: RateController(name=name, axis=axis, property_class="DeadBandProp", properties={"name": "thrust"})
-        for name, axis in zip(made.parts, (0, 2), strict=True)
-    }
+    parts = {name: DeadBandController(name=name, axis=axis) for name, axis in zip(made.parts, (0, 2), strict=True)}
     made = replace(made, parts=parts)
     actions = ACTIONS[:, :2]
     found = Thrusters(made)(actions)

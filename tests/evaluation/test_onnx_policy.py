@@ -114,7 +114,7 @@ def test_a_team_is_flown_by_its_files(tmp_path):
 def test_the_file_says_in_which_task_it_flies(exported):
     experiment, _, file = exported["scaled"]
     policy = load_onnx(file)
-    assert policy.configuration == experiment.resolved
+    assert policy.info.configuration == experiment.resolved
     assert policy.task().agents == experiment.spec.agents
     flown = rollout(policy.prepare(policy.task(["horizon=5"])), policy, 2)
     assert flown.length.tolist() == [5, 5]

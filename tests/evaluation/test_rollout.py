@@ -117,7 +117,6 @@ def test_the_policy_sees_each_row_from_its_first_observation_on(spec):
         def begin(self, flight: Flight) -> None:
             seen.append(flight.slots.tolist())
             assert flight.action.names == ("X Thrust", "Y Thrust", "Z Thrust")
-            assert flight.step_size == 10.0
 
         def __call__(self, observation):
             assert observation.dtype == np.float32

@@ -19,7 +19,7 @@ from safe_inspect.cli.main import main  # noqa: E402
 from safe_inspect.errors import CheckpointError  # noqa: E402
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout  # noqa: E402
 from safe_inspect.experiments.modules.sources import open_source  # noqa: E402
-from safe_inspect.experiments.settings.policy_info import policy_info  # noqa: E402
+from safe_inspect.experiments.settings.policies import policy_info  # noqa: E402
 from safe_inspect.glues.base import ActionGlue, ObservationGlue  # noqa: E402
 from safe_inspect.glues.normalizers import Normalizer  # noqa: E402
 from safe_inspect.plugins.registry import registry  # noqa: E402

@@ -23,7 +23,7 @@ def policies_of(team):
 def build(experiment, maker=MAKER, policies=(), **more):
     """Return a configuration of RLlib."""
     from safe_inspect.experiments.learning.algorithm import build_config, register_environments
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     settings = translate_rllib({**QUICK, **more})
     assert not settings.problems

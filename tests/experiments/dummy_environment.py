@@ -78,6 +78,7 @@ class DummyTeam:
             self.groups.append(group)
             first += group.size
         self.groups = self.acting = tuple(self.groups)
+        self.acting_indices = list(range(len(self.groups)))
         self.spec = SimpleNamespace(team_safety=None)
         self.simulation = SimpleNamespace(
             episodes=np.full(num_envs, -1),

@@ -62,7 +62,7 @@ def make_module(agent, seed=0, module_class=None, **model):
 
     from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
-    from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
+    from safe_inspect.experiments.modules.policy import FreshPolicy
 
     torch.manual_seed(seed)
     settings = {"fcnet_hiddens": [32, 32], "fcnet_activation": "tanh", "vf_share_layers": False, **model}
@@ -79,9 +79,8 @@ def make_module(agent, seed=0, module_class=None, **model):
 
 def save_run(folder, experiment, modules, keep_info=False):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
-    from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
-    from safe_inspect.experiments.files.weights import INFO
-    from safe_inspect.experiments.settings.policy_info import policy_info
+    from safe_inspect.experiments.files.checkpoints import INFO, Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.settings.policies import policy_info
 
     outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     checkpoint = folder / "tune" / "000" / "trial_00000" / "checkpoint_000003"

@@ -23,8 +23,7 @@ def policies(**own: Any) -> list[Any]:
 def test_a_single_agent_gets_the_batched_runner_and_the_fast_learner() -> None:
     from safe_inspect.experiments.learning.algorithm import ENVIRONMENT
     from safe_inspect.experiments.learning.ppo_learner import FastPPOLearner
-    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
-    from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner
+    from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, RunCallbacks
 
     config: Any = build(
         {"team": ONE}, learner_threads=3, learner_config_dict={"a": 1}, gamma=0.5, **{"lambda": 0.75},
@@ -49,7 +48,6 @@ def test_stock_parts_are_those_of_rllib() -> None:
 
 
 def test_several_policies_have_what_is_their_own() -> None:
-    from safe_inspect.experiments.learning.algorithm import PolicyOf
     from safe_inspect.experiments.sampling.env_runners import BatchedTeamRunner
 
     first, *others = (policy.name for policy in policies())
@@ -66,9 +64,19 @@ def test_several_policies_have_what_is_their_own() -> None:
         first: [7], **{name: [5] for name in others},
     }  # fmt: skip
     mapping = config.policy_mapping_fn
-    assert isinstance(mapping, PolicyOf)
     for policy in policies():
         assert {mapping(agent, None) for agent in policy.agents} == {policy.name}
+
+
+def test_one_recurrent_policy_of_a_team_needs_rllibs_runner_and_learner() -> None:
+    from safe_inspect.experiments.learning.ppo_learner import FastPPOLearner
+    from safe_inspect.experiments.sampling.env_runners import BatchedTeamRunner
+
+    first = policies()[0].name
+    with pytest.warns(UserWarning, match=f"RLlib's stock (runner samples|learner learns), because the policy {first}"):
+        config: Any = build({"team": TEAM}, policies=policies(**{first: {"model_config": {"use_lstm": True}}}))
+    assert config.env_runner_cls is not BatchedTeamRunner
+    assert config.learner_class is not FastPPOLearner
 
 
 class Mine:
@@ -91,7 +99,7 @@ def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
         f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
         "rllib_configs.callbacks: no module 'no_such_module'; correct the name, install the module, or start the "
         "command in the folder that contains it",
-        f"rllib_configs.callbacks: '{__name__}.nothing' {needs}",
+        f"rllib_configs.callbacks: module '{__name__}' has no 'nothing'",
     ]
 
 
@@ -133,7 +141,7 @@ def test_decisions_that_last_need_their_own_runner_and_learner(changes: dict[str
     ],
 )
 def test_there_is_another_replay_buffer_for_several_policies(kind: str, several: bool, made: str | None) -> None:
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import set_replay_buffer
 
     config: Any = SimpleNamespace()
     if made is not None:
@@ -170,12 +178,10 @@ def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
     names = attribute_names(config)
     assert {"lr", "vtrace", "lambda_", "num_env_runners"} <= names
     assert not any(name.startswith("_") for name in names)
-    rllib = SimpleNamespace(
-        unchecked=("vtrase",), given={"lr", "lambda", "learner", "taste"}, settings={"algorithm": "APPO"}
-    )
+    rllib = SimpleNamespace(given={"lr", "lambda", "learner", "taste", "vtrase"}, settings={"algorithm": "APPO"})
     with pytest.raises(ConfigError) as caught:
         _apply(config, rllib)
-    first, second = caught.value.problems
+    second, first = caught.value.problems
     assert (first.message, first.path) == ("APPO has no key `vtrase`", "rllib_configs.vtrase")
     assert first.hint == "did you mean `vtrace`?"
     assert (second.message, second.path) == ("APPO has no key `taste`", "rllib_configs.taste")

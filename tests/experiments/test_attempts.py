@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from pathlib import Path
@@ -16,7 +17,7 @@ from safe_inspect.experiments.files.checkpoints import Checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.runs import tune_run
 from safe_inspect.experiments.runs.training_run import read_settings
-from safe_inspect.experiments.runs.tune_hooks import RunCallback, RunStopper, folder_name
+from safe_inspect.experiments.runs.tune_run import Monitor, folder_name
 
 pytestmark = pytest.mark.ray
 
@@ -82,13 +83,14 @@ def tuner(monkeypatch: pytest.MonkeyPatch) -> Any:
 @pytest.mark.parametrize("resumed", [False, True])
 def test_one_training_is_a_new_experiment_of_tune_for_each_attempt(tuner: Any, tmp_path: Path, resumed: bool) -> None:
     settings = read_settings(QUICK, STOP, {})
-    tune_run._tuner(["only"], settings, RunFolder(tmp_path), 2, resumed)  # type: ignore[list-item]
+    monitor = Monitor(RunFolder(tmp_path), {}, io.StringIO(), "")
+    tune_run._tuner(["only"], settings, monitor, 2, resumed)  # type: ignore[list-item]
     ((algorithm, more),) = tuner
     assert (algorithm, more["param_space"]) == ("PPO", "only")
     run = more["run_config"]
     assert (run.name, run.storage_path) == ("002", str(tmp_path / "tune"))
-    assert isinstance(run.stop, RunStopper)
-    assert [type(callback) for callback in run.callbacks] == [RunCallback]
+    assert run.stop is monitor
+    assert run.callbacks == [monitor]
     assert run.checkpoint_config.checkpoint_frequency == 4
     assert run.checkpoint_config.checkpoint_score_order == "max"
     assert more["tune_config"].num_samples == 1
@@ -100,18 +102,19 @@ def test_one_training_is_a_new_experiment_of_tune_for_each_attempt(tuner: Any, t
 
 def test_a_search_is_one_experiment_of_tune_that_goes_on(tuner: Any, tmp_path: Path) -> None:
     settings, folder = read_settings(SEARCH, STOP, {}), RunFolder(tmp_path)
-    tune_run._tuner(["one", "two"], settings, folder, 2, False)  # type: ignore[list-item]
+    monitor = Monitor(folder, {}, io.StringIO(), "", single=False)
+    tune_run._tuner(["one", "two"], settings, monitor, 2, False)  # type: ignore[list-item]
     ((algorithm, more),) = tuner
     assert (algorithm, more["param_space"]) == ("PPO", ("space", "one", "two"))
     assert (more["run_config"].name, more["run_config"].storage_path) == ("trials", str(tmp_path))
     assert os.environ["TUNE_GLOBAL_CHECKPOINT_S"] == "0.2"
     tuner.clear()
     with pytest.raises(CheckpointError):
-        tune_run._tuner(["one", "two"], settings, folder, 2, True)  # type: ignore[list-item]
+        tune_run._tuner(["one", "two"], settings, monitor, 2, True)  # type: ignore[list-item]
     assert not tuner
     folder.trials.mkdir()
     (folder.trials / "tuner.pkl").write_text("")
-    assert tune_run._tuner(["one", "two"], settings, folder, 2, True) == "restored"  # type: ignore[list-item, comparison-overlap]
+    assert tune_run._tuner(["one", "two"], settings, monitor, 2, True) == "restored"  # type: ignore[list-item, comparison-overlap]
     assert tuner == [(str(folder.trials), {
         "trainable": "PPO", "resume_unfinished": True, "resume_errored": True, "param_space": ("space", "one", "two"),
     })]  # fmt: skip

@@ -8,7 +8,7 @@ from algorithms import parts_of
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 

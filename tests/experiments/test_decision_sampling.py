@@ -8,8 +8,7 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.random.action_draws import Categorical
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.random.action_draws import Categorical, Hurdle
 
 pytestmark = pytest.mark.ray
 
@@ -36,14 +35,14 @@ class Net:
         self._weights = generator.normal(size=(size, 40)).astype(np.float32)
         self._kept = kept
 
-    def __call__(self, explore, step):
+    def __call__(self, explore):
         inputs = np.tanh(self.observations[:, :, None] * self._weights).sum(axis=1)[:, : self._kept]
         return np.ascontiguousarray(np.pad(inputs, ((0, 0), (0, self.distribution.inputs - self._kept))))
 
 
 def sampler(path=ONE, *overrides, num_envs=4, first_slot=0, distribution=None, kept=None, seed=3):
-    from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
-    from safe_inspect.experiments.sampling.sampler import Sampler, agent_slots
+    from safe_inspect.experiments.sampling.rollout import agent_slots
+    from safe_inspect.experiments.sampling.sampler import DecisionSampler, Sampler
 
     spec = load_experiment(path, ["horizon=110", *overrides]).spec
     team = TeamEnvironment(spec, num_envs, seed=seed, first_slot=first_slot)
@@ -218,7 +217,7 @@ def test_whole_episodes_are_flown_as_often_as_asked():
 
 def test_semi_markov_advantages_at_every_kind_of_end():
     """A_t = sum_n (prod lambda g) delta, with g = gamma^k of each decision, worked out from single control steps."""
-    from safe_inspect.experiments.learning.ppo_batch import Batch
+    from safe_inspect.experiments.learning.ppo_learner import Batch
 
     rng = np.random.default_rng(5)
     lengths, terminated = np.array([4, 1, 3, 5]), np.array([True, False, False, True])

@@ -11,7 +11,7 @@ from random_checkpoint import discrete, experiment_of, save_run
 import safe_inspect
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.environments.facades.flat_actions import from_flat
+from safe_inspect.environments.facades.spaces import from_flat
 from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.files.checkpoints import find_newest
@@ -41,8 +41,8 @@ def _module(**settings):
 
 
 def _save(folder, module):
-    from safe_inspect.experiments.files.weights import INFO
-    from safe_inspect.experiments.settings.policy_info import policy_info
+    from safe_inspect.experiments.files.checkpoints import INFO
+    from safe_inspect.experiments.settings.policies import policy_info
 
     experiment = experiment_of(discrete)
     info = policy_info(experiment, "default_policy", experiment.spec.agents)
@@ -114,7 +114,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
 
 def test_it_does_not_fly_with_policies_that_learn(run):
     from safe_inspect.config.spec import PolicySpec
-    from safe_inspect.experiments.modules.fresh_policy import check_frozen
+    from safe_inspect.experiments.modules.policy import check_frozen
 
     frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run).newest.path))
     with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
@@ -123,8 +123,8 @@ def test_it_does_not_fly_with_policies_that_learn(run):
 
 def test_the_shipped_file_is_built_with_one_choice():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.runs.train import read_settings
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.runs.training_run import read_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     learner = configs_root() / "learners" / "dqn.yml"
     task = configs_root() / "translational-inspection" / "experiment.yml"
@@ -136,7 +136,7 @@ def test_the_shipped_file_is_built_with_one_choice():
 
 
 def test_the_environments_of_rllib_take_an_index():
-    from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
+    from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 
     resolved = load_experiment("safe_inspect/TranslationalInspection-v1").resolved
     flat = TrainingEnv({"experiment": resolved, "flat_actions": True}, 2)
@@ -170,8 +170,7 @@ def test_too_many_combinations_are_refused():
     ],
 )
 def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, kind):
-    from safe_inspect.experiments.learning.algorithm import default_config
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config, set_replay_buffer
 
     config = default_config(algorithm)
     set_replay_buffer(config, {**config.replay_buffer_config, "capacity": 10}, several=several)
@@ -179,8 +178,7 @@ def test_several_policies_have_a_replay_buffer_for_several(algorithm, several, k
 
 
 def test_a_replay_buffer_that_is_misspelt_is_reported():
-    from safe_inspect.experiments.learning.algorithm import default_config
-    from safe_inspect.experiments.learning.rllib_objects import set_replay_buffer
+    from safe_inspect.experiments.learning.algorithm import default_config, set_replay_buffer
 
     with pytest.raises(ConfigError, match="did you mean `PrioritizedEpisodeReplayBuffer`"):
         set_replay_buffer(default_config("DQN"), {"type": "PrioritizedEpisodeReplayBufer"}, several=False)

@@ -14,6 +14,7 @@ from safe_inspect.cli.commands.export import add_export_arguments, run_export
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.evaluation.onnx_policy import load_onnx
+from safe_inspect.experiments.files.checkpoints import policy_names
 from safe_inspect.glues import Normalizer
 from safe_inspect.plugins.registry import registry
 
@@ -145,13 +146,13 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
 
 
 def test_each_policy_of_a_team_has_its_own_file(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy, policies_in
+    from safe_inspect.experiments.export.export import export_policy
 
     experiment = experiment_of(path=TEAM)
     agents = experiment.spec.agents
     modules = {agent.policy: make_module(agent, seed=index) for index, agent in enumerate(agents)}
     checkpoint = save_run(tmp_path / "run", experiment, modules)
-    assert policies_in(checkpoint) == sorted(modules)
+    assert policy_names(checkpoint) == sorted(modules)
     with pytest.raises(CheckpointError, match="name one of them"):
         export_policy(checkpoint, tmp_path / "p.onnx")
     done = export_policy(checkpoint, tmp_path / "p.onnx", agents[1].policy)
@@ -201,7 +202,7 @@ class TestRefusals:
     def test_a_module_of_another_kind(self, run):
         from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 
-        from safe_inspect.experiments.export.net_layers import layers_of
+        from safe_inspect.experiments.export.onnx_graph import layers_of
 
         class Halved(DefaultPPOTorchRLModule):
             def _forward(self, batch, **kwargs):
@@ -245,10 +246,10 @@ class TestRefusals:
             import torch
 
             with torch.no_grad():
-                net.head[-1].bias += 1e-4
+                net[-1].net.mlp[-1].bias += 1e-4
             content = build(net, info, title)
             with torch.no_grad():
-                net.head[-1].bias -= 1e-4
+                net[-1].net.mlp[-1].bias -= 1e-4
             return content
 
         build = export.build_file

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from datetime import date
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +16,11 @@ from random_checkpoint import LEVELS, discrete, experiment_of, scaled
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
-from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.evaluation.policy_file import element_columns
+from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
-from safe_inspect.experiments.settings.policy_info import policy_info
+from safe_inspect.experiments.settings.policies import policy_info
+from safe_inspect.version import __version__
 
 pytestmark = pytest.mark.ray
 
@@ -27,7 +31,7 @@ pytestmark = pytest.mark.ray
      (0.0, math.nan, False)],
 )  # fmt: skip
 def test_a_file_passes_whose_outputs_are_the_checkpoints(action: float, inputs: float, passes: bool) -> None:
-    from safe_inspect.experiments.export.export_check import ExportDifference
+    from safe_inspect.experiments.export.export import ExportDifference
 
     found = ExportDifference(9, action, inputs)
     assert found.passes is passes
@@ -35,7 +39,7 @@ def test_a_file_passes_whose_outputs_are_the_checkpoints(action: float, inputs: 
 
 
 def test_the_worst_of_several_comparisons() -> None:
-    from safe_inspect.experiments.export.export_check import ExportDifference, worst
+    from safe_inspect.experiments.export.export import ExportDifference, worst
 
     first, second = ExportDifference(3, 0.5, 0.1, 1), ExportDifference(4, 0.2, 0.7, 5)
     assert worst(first) == first
@@ -50,15 +54,16 @@ def _policy(change: Any) -> tuple[Any, Any]:
 
 
 def test_readings_are_all_over_what_the_net_sees() -> None:
-    from safe_inspect.experiments.export.export_check import _through_glues, random_readings
+    from safe_inspect.experiments.export.export import random_readings
 
-    _, agent = _policy(scaled)
-    readings = random_readings(agent, 20, 100, seed=4)
+    policy, agent = _policy(scaled)
+    readings = random_readings(agent, policy.info, 20, 100, seed=4)
     assert readings.shape[:2] == (20, 100)
     assert readings.dtype == np.float32
-    np.testing.assert_array_equal(readings, random_readings(agent, 20, 100, seed=4))
-    assert not np.array_equal(readings, random_readings(agent, 20, 100, seed=5))
-    seen = _through_glues(agent, readings.reshape(2000, -1))
+    np.testing.assert_array_equal(readings, random_readings(agent, policy.info, 20, 100, seed=4))
+    assert not np.array_equal(readings, random_readings(agent, policy.info, 20, 100, seed=5))
+    columns = {name: element_columns(policy.info.observation, name) for name in ("centre", "width")}
+    seen = (readings.reshape(2000, -1) - columns["centre"]) / columns["width"]
     first = 0
     for glue in agent.observation_glues:
         low, high = glue.bounds(agent.parts)
@@ -75,12 +80,12 @@ def test_readings_are_all_over_what_the_net_sees() -> None:
 
 
 def test_the_mean_of_numbers_is_commanded_within_their_limits() -> None:
-    from safe_inspect.experiments.export.export_check import _commanded
+    from safe_inspect.experiments.export.export import _commanded
 
     policy, agent = _policy(scaled)
     means = np.array([[0.5, -0.25, 0.125], [9.0, 9.0, 9.0], [-9.0, -9.0, -9.0]])
     inputs = np.concatenate([means, np.full((3, 3), 7.0)], axis=1).astype(np.float32)
-    value, sure = _commanded(policy, agent, inputs)
+    value, sure = _commanded(policy.info, inputs)
     layout = action_layout(agent)
     clipped = np.clip(means, layout.low, layout.high)
     # Normalised thrusts are -2 to 2 for the limits -1 and 1 N, -1 to 1 for -0.5 and 2 N, and (thrust - 0.1 N) / 0.5 N.
@@ -90,35 +95,32 @@ def test_the_mean_of_numbers_is_commanded_within_their_limits() -> None:
 
 
 def test_the_largest_logit_chooses_a_level_and_equal_ones_are_undecided() -> None:
-    from safe_inspect.experiments.export.export_check import _commanded
+    from safe_inspect.experiments.export.export import _commanded
 
-    policy, agent = _policy(discrete)
+    policy, _ = _policy(discrete)
     one = [0.0, 0.0, 3.0, 1.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0]
     near, far = list(one), list(one)
     near[4:6], far[4:6] = [100.0, 100.0 - 0.5e-3], [100.0, 100.0 - 2e-3]
-    value, sure = _commanded(policy, agent, np.array([one, near, far], np.float32))
+    value, sure = _commanded(policy.info, np.array([one, near, far], np.float32))
     first = LEVELS[1:4]
     np.testing.assert_allclose(value, [[first[2], LEVELS[1], LEVELS[4]]] * 3)
     assert sure.tolist() == [True, False, True]
 
 
 def test_a_hurdle_policy_coasts_where_its_logit_is_not_above_zero() -> None:
-    from safe_inspect.experiments.export.export_check import _commanded
+    from safe_inspect.experiments.export.export import _commanded
 
-    policy, agent = _policy(None)
+    policy, _ = _policy(None)
     policy.info = dataclasses.replace(policy.info, distribution="hurdle")
     rows = [[gate, 0.5, -0.5, 0.25, 7.0, 7.0, 7.0] for gate in (2.0, -2.0, 0.0, 0.5e-5, -0.5e-5, 2e-5)]
-    value, sure = _commanded(policy, agent, np.array(rows, np.float32))
+    value, sure = _commanded(policy.info, np.array(rows, np.float32))
     np.testing.assert_allclose(value, [[0.5, -0.5, 0.25] if row[0] > 0.0 else [0.0] * 3 for row in rows])
     assert sure.tolist() == [True, True, False, False, False, True]
 
 
 CARD = CardData(
     name="docker", title="It docks.", command="safe-inspect train x.yml",
-    training={"seed": 3, "steps": 1_234_567, "iteration": 9, "seconds": 93.0, "started": "then", "trained_by": "1.2",
-              "git_commit": "0123456789abcdef+"},
-    machine="a machine", date="today", versions={"ray": "2.0", "torch": "1.0"},
-    exported=[("p.onnx", "a", "means|modes", "1e-7")], observation={"p.onnx": ["x [m]", "y"]},
+    machine="a machine",
     evaluations={
         "Here": {
             "episodes": 1000, "seed": 7,
@@ -131,6 +133,14 @@ CARD = CardData(
         }
     },
     seeds=["seed 4: 90 %"], limits=["Not at night."],
+)  # fmt: skip
+TRAINING = {
+    "seed": 3, "steps": 1_234_567, "iteration": 9, "seconds": 93.0, "started": "then", "trained_by": "1.2",
+    "git_commit": "0123456789abcdef+",
+}  # fmt: skip
+FILE: Any = SimpleNamespace(
+    path=Path("p.onnx"), difference=SimpleNamespace(action=1e-7, rows=1234),
+    info=SimpleNamespace(agents=("a", "b|c"), action=[SimpleNamespace(levels=())], observation=["x [m]", "y"]),
 )  # fmt: skip
 TEXT = """\
 # docker
@@ -158,7 +168,7 @@ safe-inspect train x.yml
 | machine | a machine |
 | begun | then |
 | trained by | safe_inspect 1.2, commit 0123456789ab, with uncommitted changes |
-| exported | today by ray 2.0, torch 1.0 |
+| exported | {exported} |
 
 `experiment.resolved.yml` next to this card contains the whole experiment.
 
@@ -187,7 +197,7 @@ red: success 100.0 % (95 % interval 90 to 100 %; win 1).
 
 | file | agents | action | largest difference from the checkpoint |
 |---|---|---|---|
-| p.onnx | a | means\\|modes | 1e-7 |
+| p.onnx | a, b\\|c | mean | 1.0e-07 of the range, 1,234 observations |
 
 `p.onnx` reads, in this order: `x [m]`, `y`.
 
@@ -197,15 +207,18 @@ red: success 100.0 % (95 % interval 90 to 100 %; win 1).
 """
 
 
-def test_the_text_of_a_model_card() -> None:
-    assert model_card(CARD).startswith(TEXT)
-    bare = model_card(dataclasses.replace(CARD, training={}, evaluations={}, seeds=(), limits=()))
+def test_the_text_of_a_model_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    from safe_inspect.experiments.export import shipping
+
+    monkeypatch.setattr(shipping, "_PACKAGES", ("numpy",))
+    exported = f"{date.today()} by safe_inspect {__version__}, numpy {np.__version__}"
+    assert model_card(CARD, TRAINING, [FILE]).startswith(TEXT.replace("{exported}", exported))
+    bare = model_card(dataclasses.replace(CARD, evaluations={}, seeds=(), limits=()), {}, [])
     for line in ("| environment steps | unknown |", "| wall time | unknown |", "| seed | unknown |",
                  "| trained by | safe_inspect unknown, commit unknown |", "There is no evaluation."):  # fmt: skip
         assert line in bare.splitlines()
     assert "Other seeds" not in bare
-    clean = model_card(dataclasses.replace(CARD, training={"git_commit": "abc"}))
-    assert "| trained by | safe_inspect unknown, commit abc |" in clean
+    assert "| trained by | safe_inspect unknown, commit abc |" in model_card(CARD, {"git_commit": "abc"}, [])
 
 
 @pytest.mark.parametrize(

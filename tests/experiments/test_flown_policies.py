@@ -17,15 +17,12 @@ from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules import fresh_policy, loaded_policy, policy
-from safe_inspect.experiments.modules.distributions import TorchHurdle, distribution_of_module
-from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, check_frozen, frozen_spec
-from safe_inspect.experiments.modules.loaded_policy import LoadedPolicy, load_policy
-from safe_inspect.experiments.modules.policy import TrainedPolicy
-from safe_inspect.experiments.modules.saved_policy import BestChoices
-from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS, PolicyNet
-from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.experiments.modules import policy, sources
+from safe_inspect.experiments.modules.policy import FrozenPolicy, TrainedPolicy, check_frozen, frozen_spec
+from safe_inspect.experiments.modules.saved_policy import BestChoices, TorchHurdle, distribution_of_module
+from safe_inspect.experiments.modules.sources import LoadedPolicy, load_policy
+from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
+from safe_inspect.random.action_draws import NO_NOISE, Categorical, Gaussian, Hurdle, draw_choices, draw_in_rollout
 
 pytestmark = pytest.mark.ray
 
@@ -127,7 +124,7 @@ def test_a_policy_is_loaded_for_the_agent_that_it_flies(monkeypatch: pytest.Monk
         asked.append((sources, wanted.cfg, wanted.overrides, wanted.sampled))
         return [SimpleNamespace(experiment=SimpleNamespace(spec=spec), policies=found)]
 
-    monkeypatch.setattr(loaded_policy, "open_candidates", opened)
+    monkeypatch.setattr(sources, "open_candidates", opened)
     assert load_policy("here", "cfg", ["a=1"]).agent == first
     assert asked == [(["here"], "cfg", ("a=1",), False)]
     assert load_policy(Path("here"), agent=third).agent == third
@@ -286,14 +283,14 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
     with pytest.raises(CheckpointError):
         check_frozen({"old": frozen_of(checkpoint, agent)}, units)
-    read = fresh_policy.read_weights
+    read = policy.read_weights
     for name in ("choices", "twin_q"):
 
         def marked(path: Path, name: str = name) -> Any:
             weights = read(path)
             return type(weights)(**{**vars(weights), "model": {**weights.model, name: True}})
 
-        monkeypatch.setattr(fresh_policy, "read_weights", marked)
+        monkeypatch.setattr(policy, "read_weights", marked)
         with pytest.raises(CheckpointError, match="PPO"):
             check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
 
@@ -432,21 +429,21 @@ def test_the_sampler_has_the_outputs_of_the_module(change: Any, rows: int, model
         seen = torch.from_numpy(net.observations.copy())
         with torch.no_grad():
             expected = module.forward_exploration({Columns.OBS: seen})[Columns.ACTION_DIST_INPUTS]
-        np.testing.assert_allclose(net(True, 0), expected, atol=5e-6)
+        np.testing.assert_allclose(net(True), expected, atol=5e-6)
         with torch.no_grad():
             module.pi.net.mlp[-1].bias += 0.5  # the net is the module's
     if "log_std_clip_param" in model:
         assert float(expected[:, 3:].abs().max()) == pytest.approx(0.05)
 
 
-def test_a_module_that_says_more_is_asked_with_the_steps_of_the_training() -> None:
+def test_a_module_is_asked_for_exploration_or_inference() -> None:
     asked: list[Any] = []
 
     class Asked:
         observation_space = SimpleNamespace(shape=(2,))
 
-        def forward_exploration(self, batch: Any, t: int) -> Any:
-            asked.append(("exploration", t, tuple(batch[Columns.OBS].shape)))
+        def forward_exploration(self, batch: Any) -> Any:
+            asked.append(("exploration", tuple(batch[Columns.OBS].shape)))
             return {Columns.ACTION_DIST_INPUTS: 2.0 * batch[Columns.OBS]}
 
         def forward_inference(self, batch: Any) -> Any:
@@ -455,7 +452,7 @@ def test_a_module_that_says_more_is_asked_with_the_steps_of_the_training() -> No
 
     net = PolicyNet(Asked(), 3)
     net.observations[:] = np.arange(6.0).reshape(3, 2)
-    np.testing.assert_array_equal(net(True, 70), 2.0 * np.arange(6.0).reshape(3, 2))
-    np.testing.assert_array_equal(net(False, 71), 3.0 * np.arange(6.0).reshape(3, 2))
-    assert asked == [("exploration", 70, (LEAST_ROWS, 2)), ("inference", (LEAST_ROWS, 2))]
+    np.testing.assert_array_equal(net(True), 2.0 * np.arange(6.0).reshape(3, 2))
+    np.testing.assert_array_equal(net(False), 3.0 * np.arange(6.0).reshape(3, 2))
+    assert asked == [("exploration", (LEAST_ROWS, 2)), ("inference", (LEAST_ROWS, 2))]
     assert net.distribution is None

@@ -25,7 +25,7 @@ NET = {"fcnet_hiddens": [8], "fcnet_activation": "tanh", "vf_share_layers": Fals
 
 def built(model, actions=None):
     """Return a policy's module that observes five numbers."""
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+    from safe_inspect.experiments.modules.policy import policy_spec
 
     spec = policy_spec(model)
     spec.observation_space = Box(-np.inf, np.inf, (5,))
@@ -87,7 +87,7 @@ def test_the_declared_layers_give_what_the_module_gives(more):
     import torch
 
     from safe_inspect.experiments.learning.ppo_nets import nets_of
-    from safe_inspect.experiments.sampling.policy_net import PolicyNet
+    from safe_inspect.experiments.modules.tanh_net import PolicyNet
 
     module = built({**NET, "fcnet_hiddens": [16, 16], **more})
     seen = {"obs": torch.linspace(-2.0, 2.0, 16 * 5).reshape(16, 5)}
@@ -98,7 +98,7 @@ def test_the_declared_layers_give_what_the_module_gives(more):
     net = PolicyNet(module, 16)
     assert net._plain is not None
     net.observations[:] = seen["obs"].numpy()
-    np.testing.assert_allclose(net(True, 0), wanted[0].numpy(), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(net(True), wanted[0].numpy(), rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.ray

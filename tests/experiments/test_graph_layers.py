@@ -156,8 +156,6 @@ def test_the_best_of_the_other_choices_counts_for_each_choice() -> None:
 def test_the_outputs_of_a_head_have_their_deviations_within_the_limit(clip: bool, free: bool) -> None:
     from ray.rllib.core.models.configs import FreeLogStdMLPHeadConfig, MLPHeadConfig
 
-    from safe_inspect.experiments.export.net_layers import with_head
-
     config = (FreeLogStdMLPHeadConfig if free else MLPHeadConfig)(
         input_dims=[4], hidden_layer_dims=[], output_layer_dim=6, clip_log_std=clip, log_std_clip_param=0.25
     )
@@ -169,7 +167,7 @@ def test_the_outputs_of_a_head_have_their_deviations_within_the_limit(clip: bool
     assert (np.abs(wanted[:, 3:]).max() <= 0.25) == clip
     made = graph()
     np.testing.assert_allclose(
-        computed(made, made.outputs(with_head(torch.nn.Sequential(), None, head), "x"), ROWS),
+        computed(made, made.net([head], "x"), ROWS),
         wanted,
         rtol=1e-5,
         atol=1e-6,

@@ -28,7 +28,7 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
         Terms,
         policy_gradient,
     )  # fmt: skip
-    from safe_inspect.experiments.modules.distributions import TorchHurdle
+    from safe_inspect.experiments.modules.saved_policy import TorchHurdle
 
     kind = type("Kind", (TorchHurdle,), {"numbers": 3, "choices": choices})
     torch.manual_seed(0)
@@ -58,9 +58,8 @@ def test_the_loss_and_its_gradient_are_those_of_torch(choices):
 def test_drawn_actions_have_the_density_of_torch():
     import torch
 
-    from safe_inspect.experiments.modules.distributions import TorchHurdle
-    from safe_inspect.random.action_draws import draw_in_rollout
-    from safe_inspect.random.hurdle_draws import Hurdle
+    from safe_inspect.experiments.modules.saved_policy import TorchHurdle
+    from safe_inspect.random.action_draws import Hurdle, draw_in_rollout
 
     kind = type("Kind", (TorchHurdle,), {"numbers": 3, "choices": 4})
     inputs = np.random.default_rng(0).normal(size=(200, 11)).astype(np.float32)
@@ -76,8 +75,8 @@ def module_of(experiment, **model):
 
     from safe_inspect.environments.facades.spaces import action_space, box
     from safe_inspect.environments.layout import action_layout, observation_layout
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
-    from safe_inspect.experiments.settings.policy_info import policy_info
+    from safe_inspect.experiments.modules.policy import policy_spec
+    from safe_inspect.experiments.settings.policies import policy_info
 
     agent = experiment.spec.agents[0]
     info = policy_info(experiment, "default_policy", [agent]).metadata()
@@ -111,8 +110,8 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
     from safe_inspect.evaluation.onnx_policy import load_onnx
     from safe_inspect.evaluation.rollouts import rollout
     from safe_inspect.experiments.export.export import export_policy
-    from safe_inspect.experiments.modules.loaded_policy import load_policy
     from safe_inspect.experiments.modules.policy import trained_policy
+    from safe_inspect.experiments.modules.sources import load_policy
 
     experiment = experiment_of(path=path)
     module = module_of(experiment, **model)
@@ -155,7 +154,7 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
 def test_decisions_that_last_are_learned_by_our_ppo_alone(settings, wrong):
     from algorithms import build
 
-    from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+    from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 
     experiment = experiment_of(path=ONE)
     with pytest.raises(ConfigError, match="decisions that last") as caught:
@@ -173,7 +172,7 @@ def test_zero_must_be_no_thrust():
 
 
 def test_training_continues_from_its_state(algorithm, tmp_path):
-    from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+    from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 
     experiment = experiment_of(path=ONE)
     more = {"train_batch_size_per_learner": 400, "minibatch_size": 16, "num_envs_per_env_runner": 4, "num_epochs": 1}

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from dummy_environment import ONE, TEAM, DummyTeam
 
-from safe_inspect.experiments.sampling.decision_sampler import DecisionSampler
-from safe_inspect.experiments.sampling.policy_net import LEAST_ROWS
-from safe_inspect.experiments.sampling.sampler import agent_slots
-from safe_inspect.random.action_draws import DrawRows
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS
+from safe_inspect.experiments.sampling.rollout import agent_slots
+from safe_inspect.experiments.sampling.sampler import DecisionSampler
+from safe_inspect.random.action_draws import DrawRows, Hurdle
 
 pytestmark = pytest.mark.ray
 
@@ -82,11 +81,11 @@ class Net:
     distribution = Hurdle(3, 4)
 
     def __init__(self, rows: int, size: int) -> None:
-        self.observations, self.asked = np.zeros((rows, size), np.float32), list[tuple[bool, int]]()
+        self.observations, self.asked = np.zeros((rows, size), np.float32), list[bool]()
         self._weights = np.random.default_rng(0).normal(size=(size, self.distribution.inputs)).astype(np.float32)
 
-    def __call__(self, explore: bool, step: int) -> np.ndarray:
-        self.asked.append((explore, step))
+    def __call__(self, explore: bool) -> np.ndarray:
+        self.asked.append(explore)
         return self.of(self.observations)
 
     def of(self, observations: np.ndarray) -> np.ndarray:
@@ -154,13 +153,11 @@ def sampled(rollouts: list[Any], agents: list[tuple[int, int]], envs: int) -> di
 
 
 @pytest.mark.parametrize("team", [ONE, TEAM], ids=["one", "team"])
-@pytest.mark.parametrize("random", [False, True], ids=["policy", "random"])
-def test_each_decision_is_kept_once_with_its_steps_and_discounted_reward(team: Any, random: bool) -> None:
+def test_each_decision_is_kept_once_with_its_steps_and_discounted_reward(team: Any) -> None:
     sampler, environment, made = sampler_of(team)
     agents = [(slot.group, slot.member) for slot in sampler.agent_slots]
     calls = (7, 1, 60, 33, 3)
-    rollouts = [sampler.roll(steps, random=random) for steps in calls]
-    assert [rollout.random for rollout in rollouts] == [random] * len(calls)
+    rollouts = [sampler.roll(steps) for steps in calls]
     for rollout, steps in zip(rollouts, calls, strict=True):
         assert sum(piece.stop - piece.start for piece in rollout.pieces) == ENVS * steps
     expected = written(environment.log, len(agents), ENVS)
@@ -191,7 +188,7 @@ def test_each_decision_is_kept_once_with_its_steps_and_discounted_reward(team: A
 
 def test_a_policy_is_asked_for_each_decision_with_what_its_agent_sees() -> None:
     sampler, _, made = sampler_of(TEAM)
-    rollout = sampler.roll(40, lifetime=1000)
+    rollout = sampler.roll(40)
     nets = {slot.policy: Net(1, size) for slot, size in zip(sampler.agent_slots, (11, 11, 7), strict=True)}
     for piece in rollout.pieces:
         for slot, span in zip(sampler.agent_slots, piece.spans, strict=True):
@@ -199,19 +196,16 @@ def test_a_policy_is_asked_for_each_decision_with_what_its_agent_sees() -> None:
             inputs = nets[slot.policy].of(track.observations[slot.member, piece.env, rows])
             np.testing.assert_allclose(track.inputs[slot.member, piece.env, rows], inputs, atol=1e-4)
     asked = [one for net in made for one in net.asked]
-    assert {explore for explore, _ in asked} == {True}
-    assert {step for _, step in asked} == {1000 + ENVS * time for time in range(40)}
+    assert set(asked) == {True}
     assert len(asked) <= 2 * 40  # once a step for each policy
     for net in made:
         net.asked.clear()
-    rollout = sampler.roll_episodes(3, lifetime=70)
-    longest = max(piece.stop for piece in rollout.pieces)
+    rollout = sampler.roll_episodes(3)
     asked = [one for net in made for one in net.asked]
-    assert {step for _, step in asked} <= {70 + ENVS * time for time in range(longest)}
-    assert {explore for explore, _ in asked} == {True}
+    assert set(asked) == {True}
     assert max(piece.stop - piece.start for piece in rollout.pieces) <= 60
     sampler.roll_episodes(2, explore=False)
-    assert {explore for net in made for explore, _ in net.asked[-1:]} == {False}
+    assert {explore for net in made for explore in net.asked[-1:]} == {False}
 
 
 def _of_ended_episodes(log: list[dict[str, Any]], agents: int) -> int:

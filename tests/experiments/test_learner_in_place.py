@@ -15,10 +15,9 @@ from dummy_environment import ONE, TEAM
 from ray.rllib.core.distribution.torch.torch_distribution import TorchDiagGaussian
 
 from safe_inspect.experiments.learning import ppo_learner
-from safe_inspect.experiments.learning.ppo_batch import batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_kernels import Terms
+from safe_inspect.experiments.learning.ppo_learner import batches_of, minibatches
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
-from safe_inspect.experiments.settings.capabilities import Capabilities
 
 pytestmark = [pytest.mark.ray, pytest.mark.filterwarnings("ignore")]
 
@@ -87,7 +86,7 @@ def by_norm(parameters: list[Any]) -> None:
 )  # fmt: skip
 def test_minibatches_teach_what_ppo_in_plain_torch_learns(team: Any, more: dict[str, Any], clip: Any) -> None:
     learner, runner = learner_of(team, **more)
-    assert (learner.why_autograd, learner._stock) == ({}, "")
+    assert learner.why_autograd == {}
     episodes = runner.sample(num_timesteps=320)
     before = {name: copy.deepcopy(module.unwrapped()) for name, module in learner.module.items()}
     kl = 0.0 if more.get("use_kl_loss") is False else 0.3
@@ -137,24 +136,6 @@ def test_the_terms_of_the_loss_are_those_of_the_configuration() -> None:
     gradients = {"a": torch.tensor([3.0]), "b": torch.tensor([4.0])}
     assert float(only._clip_gradients(gradients)) == pytest.approx(5.0)
     assert [float(one) for one in gradients.values()] == pytest.approx([0.3, 0.4])
-
-
-def test_only_one_plain_adam_for_a_policy_is_served(monkeypatch: pytest.MonkeyPatch) -> None:
-    learner, _ = learner_of(ONE)
-    parameters = list(learner.module["default_policy"].unwrapped().parameters())
-    adam = torch.optim.Adam(parameters)
-    several = torch.optim.Adam([{"params": parameters[:1]}, {"params": parameters[1:]}])
-    for optimisers, served in (
-        ([adam], True), ([torch.optim.AdamW(parameters)], False), ([adam, adam], False), ([several], False),
-    ):  # fmt: skip
-        monkeypatch.setattr(learner, "get_optimizers_for_module", lambda name, all=optimisers: [("x", x) for x in all])
-        why = learner._why_not_learned("default_policy")
-        assert (why == "") == served
-        assert served or "default_policy" in why
-    monkeypatch.setattr(ppo_learner, "capabilities", lambda *given: Capabilities("", f"as {len(given)}"))
-    assert learner._why_not_learned("default_policy") == "as 2 (default_policy)"
-    learner.build()
-    assert learner._stock == "as 1"
 
 
 def test_without_more_a_batch_is_learned_once_and_whole() -> None:

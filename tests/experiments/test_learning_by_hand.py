@@ -16,13 +16,18 @@ from hypothesis import strategies as st
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from safe_inspect.experiments.learning import ppo_learner
-from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
 from safe_inspect.experiments.learning.ppo_kernels import Terms
+from safe_inspect.experiments.learning.ppo_learner import (
+    Batch,
+    NetTraining,
+    _explained,
+    batches_of,
+    joined,
+    minibatches,
+)
 from safe_inspect.experiments.learning.ppo_nets import AutogradPass, Net, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, _explained, joined
-from safe_inspect.experiments.modules.distributions import TorchHurdle
-from safe_inspect.random.action_draws import Categorical
-from safe_inspect.random.hurdle_draws import Hurdle
+from safe_inspect.experiments.modules.saved_policy import TorchHurdle
+from safe_inspect.random.action_draws import Categorical, Hurdle
 
 pytestmark = pytest.mark.ray
 
@@ -438,15 +443,12 @@ def test_nets_learn_side_by_side_in_as_many_threads_as_asked(
     assert pools == ([] if expected is None else [expected])
 
 
-def test_what_the_learner_does_not_serve_goes_to_rllibs(monkeypatch: pytest.MonkeyPatch) -> None:
-    stock, own, why = list[Any](), list[Any](), {"default_policy": ""}
+def test_a_batch_of_nothing_goes_to_rllibs_learner(monkeypatch: pytest.MonkeyPatch) -> None:
+    stock, own = list[Any](), list[Any]()
 
     class Served(Learner):
         def should_module_be_updated(self, name: str) -> bool:
             return True
-
-        def _why_not_learned(self, name: str) -> str:
-            return why[name]
 
         def _learn(self, batches: Any, steps: int, **keywords: Any) -> str:
             own.append((len(batches["default_policy"]), steps, keywords))
@@ -466,15 +468,5 @@ def test_what_the_learner_does_not_serve_goes_to_rllibs(monkeypatch: pytest.Monk
     )
     assert learner.update(training_data=data) == "own"
     assert (own.pop()[:2], called) == ((3, 3), ["validate", "solve"])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # no warning where nothing is to be learned, or RLlib calls in its own way
-        assert learner.update(episodes=[]) == "stock"
-        assert learner.update("batch", episodes=episodes) == "stock"
-    why["default_policy"] = "of a reason"
-    with pytest.warns(UserWarning, match="of a reason") as told:
-        assert learner.update(episodes=episodes) == learner.update(episodes=episodes) == "stock"
-    assert len(told) == 1
-    refusing = Served(_stock="of the configuration")
-    with pytest.warns(UserWarning, match="of the configuration"):
-        assert refusing.update(episodes=episodes) == "stock"
-    assert (len(stock), own) == (5, [])
+    assert learner.update(episodes=[]) == "stock"
+    assert (len(stock), own) == (1, [])

@@ -11,9 +11,9 @@ import pytest
 
 from safe_inspect.config.keys.run_keys import COMPILING
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.experiments.sampling.episode_reports import episode_reports
 from safe_inspect.experiments.sampling.rollout import Rollout
-from safe_inspect.experiments.settings.environments import environment_settings, experiment_in
+from safe_inspect.experiments.sampling.sampler import episode_reports
+from safe_inspect.experiments.settings.policies import environment_settings, experiment_in
 
 pytestmark = pytest.mark.ray
 
@@ -51,7 +51,7 @@ SLOTS = (SimpleNamespace(agent="red", policy="shared"), SimpleNamespace(agent="b
 
 @pytest.mark.parametrize("several", [True, False])
 def test_steps_are_counted_for_environments_agents_and_policies(several: bool) -> None:
-    from safe_inspect.experiments.sampling.callbacks import log_steps
+    from safe_inspect.experiments.sampling.env_runners import log_steps
 
     logger, rollout = Logger(), rollout_of_two()
     assert log_steps(logger, rollout, SLOTS if several else SLOTS[:1], 3, several) == 12
@@ -83,7 +83,7 @@ def reports() -> list[dict[str, float]]:
 
 
 def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
-    from safe_inspect.experiments.sampling.callbacks import log_episodes
+    from safe_inspect.experiments.sampling.env_runners import log_episodes
 
     logger = Logger()
     log_episodes(logger, config_of(2), reports(), SLOTS[:1], False)  # the last two count
@@ -98,7 +98,7 @@ def test_episodes_of_one_agent_are_logged_with_their_window() -> None:
 
 
 def test_episodes_of_several_agents_are_logged_for_each_and_for_each_policy() -> None:
-    from safe_inspect.experiments.sampling.callbacks import log_episodes
+    from safe_inspect.experiments.sampling.env_runners import log_episodes
 
     logger = Logger()
     slots = (*SLOTS, SimpleNamespace(agent="green", policy="shared"))
@@ -116,7 +116,7 @@ def test_episodes_of_several_agents_are_logged_for_each_and_for_each_policy() ->
 
 
 def test_other_figures_of_episodes_are_means_of_those_that_have_them() -> None:
-    from safe_inspect.experiments.sampling.callbacks import log_reports
+    from safe_inspect.experiments.sampling.env_runners import log_reports
 
     logger = Logger()
     log_reports(logger, config_of(2), reports())
@@ -137,7 +137,7 @@ def test_other_figures_of_episodes_are_means_of_those_that_have_them() -> None:
     ("smoothing", "runners", "window"), [(100, 0, 100), (100, 1, 100), (100, 3, 34), (4, 4, 1), (2, 8, 1), (1, 0, 1)]
 )
 def test_each_runner_keeps_its_part_of_the_window(smoothing: int, runners: int, window: int) -> None:
-    from safe_inspect.experiments.sampling.callbacks import window_of
+    from safe_inspect.experiments.sampling.env_runners import window_of
 
     assert window_of(config_of(smoothing, runners)) == window
 
@@ -207,19 +207,19 @@ def test_a_run_begins_with_its_threads_and_its_checkpoint(
 ) -> None:
     import torch
 
-    from safe_inspect.experiments.sampling import callbacks
+    from safe_inspect.experiments.sampling import env_runners
 
     threads: list[int] = []
     monkeypatch.setattr(torch, "set_num_threads", threads.append)
     seconds = iter([2.5, 6.0])
-    monkeypatch.setattr(callbacks, "compiling_seconds", lambda: next(seconds))
+    monkeypatch.setattr(env_runners, "compiling_seconds", lambda: next(seconds))
     (tmp_path / "there").mkdir()
     config: dict[str, Any] = {"torch_num_threads": 3}
     if checkpoint is not None:
         config["continue_from"] = {"path": str(tmp_path / checkpoint), "iteration": 7, "seconds": 12.5}
     restored: list[str] = []
     algorithm: Any = SimpleNamespace(config=SimpleNamespace(env_config=config), restore_from_path=restored.append)
-    run = callbacks.RunCallbacks()
+    run = env_runners.RunCallbacks()
     run.on_algorithm_init(algorithm=algorithm)
     assert threads == [3]
     if checkpoint == "there":
@@ -230,28 +230,27 @@ def test_a_run_begins_with_its_threads_and_its_checkpoint(
     result: dict[str, Any] = {}
     run.on_train_result(algorithm=algorithm, result=result)
     assert result == {COMPILING: 3.5}
-    callbacks.set_threads({})
+    env_runners.set_threads({})
     assert threads == [3, 1]
 
 
 @pytest.mark.parametrize("evaluation", [False, True])
 def test_the_environments_of_a_stock_runner_get_their_slots(evaluation: bool) -> None:
-    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
+    from safe_inspect.experiments.sampling.env_runners import RunCallbacks
 
     placed: list[Any] = []
-    single: Any = SimpleNamespace(place=lambda *given: placed.append(given), report=lambda: {"return": 1.0, "x": 4.0})
+    single: Any = SimpleNamespace(place=lambda *given: placed.append(given), reports={0: {"return": 1.0, "x": 4.0}})
     env: Any = SimpleNamespace(envs=[SimpleNamespace(unwrapped=single)] * 2)
     config = SimpleNamespace(in_evaluation=evaluation, **vars(config_of(5)))
     runner: Any = SimpleNamespace(worker_index=3, config=config)
     RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
-    assert placed == [(3, 2, 0, evaluation), (3, 2, 1, evaluation)]
+    assert placed == [(4, evaluation), (5, evaluation)]
     runner.worker_index = None
     RunCallbacks().on_environment_created(env_runner=runner, env=env, env_context={})
-    assert placed[2:] == [(0, 2, 0, evaluation), (0, 2, 1, evaluation)]
+    assert placed[2:] == [(0, evaluation), (1, evaluation)]
     logger: Any = Logger()
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env, env_index=1)
     assert logger.logged == {("x",): (4.0, {"reduce": "mean", "window": 5})}
-    RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=None, env=env)
-    single.report = lambda: None
+    single.reports = {}
     RunCallbacks().on_episode_end(episode=None, env_runner=runner, metrics_logger=logger, env=env)
     assert len(logger.logged) == 1

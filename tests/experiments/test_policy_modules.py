@@ -14,7 +14,7 @@ import torch
 from gymnasium.spaces import Box, MultiDiscrete
 
 from safe_inspect.errors import CheckpointError, ConfigError
-from safe_inspect.experiments.files.weights import INFO, Weights, initial_weights
+from safe_inspect.experiments.files.checkpoints import INFO, Weights, initial_weights
 
 pytestmark = pytest.mark.ray
 SEEN = Box(-np.inf, np.inf, (5,), dtype=np.float32)
@@ -26,7 +26,7 @@ NET: dict[str, Any] = {"fcnet_hiddens": [8, 6], "fcnet_activation": "tanh", "vf_
 def module_of(space: Any, **model: Any) -> Any:
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
-    from safe_inspect.experiments.modules.fresh_policy import FreshPolicy
+    from safe_inspect.experiments.modules.policy import FreshPolicy
 
     torch.manual_seed(3)
     settings = {**dataclasses.asdict(DefaultModelConfig(**NET)), **model}
@@ -110,7 +110,7 @@ def shipped() -> Weights:
     ],
 )
 def test_a_file_that_describes_no_module_is_refused(shipped: Weights, changes: dict[str, Any], message: str) -> None:
-    from safe_inspect.experiments.modules.fresh_policy import build_module
+    from safe_inspect.experiments.modules.policy import build_module
 
     wrong = dataclasses.replace(shipped, model={**shipped.model, **changes})
     with pytest.raises(CheckpointError) as caught:
@@ -119,7 +119,7 @@ def test_a_file_that_describes_no_module_is_refused(shipped: Weights, changes: d
 
 
 def test_a_file_gives_its_module_with_its_weights(shipped: Weights) -> None:
-    from safe_inspect.experiments.modules.fresh_policy import FreshPolicy, build_module
+    from safe_inspect.experiments.modules.policy import FreshPolicy, build_module
 
     module = build_module(shipped, "file")
     assert type(module) is FreshPolicy
@@ -134,29 +134,29 @@ def texts(distribution: str, levels: list[float], offset: float = 0.0) -> dict[s
 
 
 def test_each_algorithm_learns_its_own_module() -> None:
-    from safe_inspect.experiments.modules import fresh_policy
+    from safe_inspect.experiments.modules import policy
     from safe_inspect.experiments.modules.saved_policy import AppoPolicy, DqnPolicy, SacPolicy
 
     model = {"fcnet_hiddens": [4], "initial_std": 0.1}
     info = texts("gaussian", [])
-    found = {name: fresh_policy.policy_spec(model, name, info) for name in ("PPO", "IMPALA", "APPO", "SAC")}
-    kinds = (fresh_policy.FreshPolicy, fresh_policy.FreshPolicy, AppoPolicy, SacPolicy)
+    found = {name: policy.policy_spec(model, name, info) for name in ("PPO", "IMPALA", "APPO", "SAC")}
+    kinds = (policy.FreshPolicy, policy.FreshPolicy, AppoPolicy, SacPolicy)
     assert [spec.module_class for spec in found.values()] == list(kinds)
     for name, spec in found.items():
         assert spec.model_config["fcnet_hiddens"] == [4]
         assert spec.model_config[INFO] == info
         assert ("initial_std" in spec.model_config) == (name != "SAC")
-    other = fresh_policy.policy_spec(model, "DreamerV3", info)
+    other = policy.policy_spec(model, "DreamerV3", info)
     assert (other.module_class, other.model_config.fcnet_hiddens) == (None, [4])
-    dqn = fresh_policy.policy_spec({}, "DQN", texts("categorical", [0.0, 1.0, 2.0]))
+    dqn = policy.policy_spec({}, "DQN", texts("categorical", [0.0, 1.0, 2.0]))
     assert dqn.module_class is DqnPolicy
     assert dqn.model_config["choices"] == [3]
     assert dqn.model_config[INFO]["distribution"] == "greedy"
-    assert "choices" not in fresh_policy.policy_spec({}, "DQN").model_config
+    assert "choices" not in policy.policy_spec({}, "DQN").model_config
 
 
 def test_decisions_that_last_have_the_hurdle_distribution_and_thrust_may() -> None:
-    from safe_inspect.experiments.modules.fresh_policy import policy_spec
+    from safe_inspect.experiments.modules.policy import policy_spec
 
     lasting = policy_spec({}, "PPO", texts("hurdle", [1.0, 2.0])).model_config
     assert (lasting["hurdle"], lasting["coasts"], lasting[INFO]["distribution"]) == (True, 2, "hurdle")
@@ -177,29 +177,29 @@ def test_decisions_that_last_have_the_hurdle_distribution_and_thrust_may() -> No
 def test_weights_of_a_folder_are_named_for_processes_of_other_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from safe_inspect.experiments.modules import fresh_policy
+    from safe_inspect.experiments.modules import policy
 
     asked: list[Any] = []
-    monkeypatch.setattr(fresh_policy, "starting_weights", lambda *given: asked.append(given))
+    monkeypatch.setattr(policy, "starting_weights", lambda *given: asked.append(given))
     monkeypatch.chdir(tmp_path)
-    own = fresh_policy.policy_spec({"initial_weights": "run"}).model_config
+    own = policy.policy_spec({"initial_weights": "run"}).model_config
     assert own["initial_weights"] == str(tmp_path / "run")
     assert asked == [("run", {INFO: {}})]
-    assert fresh_policy.policy_spec({"initial_weights": "docking"}).model_config["initial_weights"] == "docking"
+    assert policy.policy_spec({"initial_weights": "docking"}).model_config["initial_weights"] == "docking"
 
 
 @pytest.mark.parametrize("inference_only", [False, True])
 def test_weights_to_begin_with_are_those_of_the_learner_alone(
     monkeypatch: pytest.MonkeyPatch, inference_only: bool
 ) -> None:
-    from safe_inspect.experiments.modules import fresh_policy
+    from safe_inspect.experiments.modules import policy
 
     source = {name: value + np.float32(1.0) for name, value in module_of(THRUST).get_state().items()}
-    monkeypatch.setattr(fresh_policy, "starting_weights", lambda name, model: source if name == "there" else None)
+    monkeypatch.setattr(policy, "starting_weights", lambda name, model: source if name == "there" else None)
     from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
     settings = {**dataclasses.asdict(DefaultModelConfig(**NET)), "initial_weights": "there"}
-    module: Any = fresh_policy.FreshPolicy(
+    module: Any = policy.FreshPolicy(
         observation_space=SEEN, action_space=THRUST, model_config=settings, inference_only=inference_only
     )
     assert module.model_config["initial_weights"] is None

@@ -43,7 +43,7 @@ def weights_of(algo):
 
 
 def advised(algo, episodes):
-    from safe_inspect.experiments.learning.ppo_batch import batches_of
+    from safe_inspect.experiments.learning.ppo_learner import batches_of
 
     learner = learner_of(algo)
     batches = batches_of(episodes, learner.should_module_be_updated)
@@ -156,7 +156,7 @@ def test_nets_by_autograd_learn_the_same(algorithm, monkeypatch):
     for steps in (1000, 2000, 3000):
         update(private, copy.deepcopy(episodes), steps)
     monkeypatch.setattr(ppo_nets, "linear_layers", lambda *_: None)
-    monkeypatch.setattr(ppo_nets, "is_plain", lambda _: False)
+    monkeypatch.setattr(ppo_nets, "FastAdam", ppo_nets.TorchAdam)
     for steps in (1000, 2000, 3000):
         update(plain, copy.deepcopy(episodes), steps)
     expected = weights_of(private)
@@ -252,7 +252,7 @@ def test_the_gradients_of_choices_are_those_of_rllibs_loss():
 
 @pytest.mark.parametrize(("rows", "size", "epochs"), [(100, 30, 3), (100, None, 2), (40, 64, 2), (90, 30, 1)])
 def test_minibatches_use_each_step_in_each_epoch(rows, size, epochs):
-    from safe_inspect.experiments.learning.ppo_batch import minibatches
+    from safe_inspect.experiments.learning.ppo_learner import minibatches
 
     order = minibatches(rows, size, epochs, True, (5, "a policy", 7))
     assert order.shape == (math.ceil(epochs * rows / min(size or rows, rows)), min(size or rows, rows))
@@ -316,18 +316,10 @@ def test_a_policy_that_does_not_learn_stays_as_it_is(algorithm):
 
 
 def test_what_the_fast_learner_cannot_do_the_stock_one_does(ray_session):
-    from ray.rllib.connectors.connector_v2 import ConnectorV2
-
-    class Nothing(ConnectorV2):
-        def __call__(self, *, batch, **kwargs):
-            return batch
-
-    config = build({})
-    config.training(learner_connector=lambda *spaces: Nothing())
-    algo = config.build_algo()
+    connector = "ray.rllib.connectors.learner.AddNextObservationsFromEpisodesToTrainBatch"
+    algo = build({}, learner_connector=connector).build_algo()
     try:
-        with pytest.warns(UserWarning, match="stock learner learns, because there is a connector between episodes"):
-            learners = algo.train()["learners"]
+        learners = algo.train()["learners"]
         assert "learner_connector" in "".join(learners["__all_modules__"])
         assert "policy_loss" in learners["default_policy"]
     finally:

@@ -128,8 +128,13 @@ def no_pickle(monkeypatch):
 
 def open_all(folder):
     """Open the policy of a run in every way that there is."""
-    from safe_inspect.experiments.modules.fresh_policy import FrozenPolicy, frozen_spec, policy_spec
-    from safe_inspect.experiments.modules.policy import trained_policy, untrained_policy
+    from safe_inspect.experiments.modules.policy import (
+        FrozenPolicy,
+        frozen_spec,
+        policy_spec,
+        trained_policy,
+        untrained_policy,
+    )
     from safe_inspect.experiments.modules.sources import open_source
 
     checkpoint = find_newest(folder).newest.path

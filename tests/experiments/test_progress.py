@@ -13,8 +13,16 @@ import numpy as np
 import pytest
 
 from safe_inspect.experiments.runs import progress
-from safe_inspect.experiments.runs.progress import Messages, TrainingProgress, clock_text, flatten, row_of, time_left
-from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.runs.progress import (
+    Messages,
+    TrainingLog,
+    TrainingProgress,
+    clock_text,
+    flatten,
+    read_progress,
+    row_of,
+    time_left,
+)
 
 
 def result(iteration, **runners):
@@ -59,19 +67,6 @@ def test_what_is_not_known_yet_is_a_dash():
     stream = io.StringIO()
     TrainingProgress({}, stream).show(result(1))
     assert "return       -  success   - %  delta-v      - m/s  left -" in stream.getvalue()
-
-
-def test_the_bar_is_for_terminals_only():
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    stream = Terminal()
-    progress = TrainingProgress({"training_iteration": 4}, stream)
-    progress.show(result(1))
-    assert stream.getvalue().splitlines()[-1] == f"[{'#' * 10}{'.' * 30}]  25 %  left 0:00:06"
-    progress.close()
-    assert stream.getvalue().endswith("\r\x1b[K")
 
 
 def test_the_nearest_limit_counts():
@@ -148,19 +143,14 @@ def test_a_stream_that_fails_does_not_end_a_training():
     messages = Messages(Closed())
     print("text", file=messages, flush=True)
     TrainingProgress({}, messages).show(result(1))
-    assert not messages.isatty()
 
 
 def test_compiling_is_not_counted_in_what_is_left():
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    stream = Terminal()
-    bar = TrainingProgress({"training_iteration": 4}, stream)
-    flat = result(1) | {"time_total_s": 102.0, "compiling_seconds": 100.0}
-    bar.show(flat)
-    assert stream.getvalue().splitlines()[-1] == f"[{'#' * 10}{'.' * 30}]  25 %  left 0:00:06"
+    stream = io.StringIO()
+    TrainingProgress({"training_iteration": 4}, stream).show(
+        result(1) | {"time_total_s": 102.0, "compiling_seconds": 100.0}
+    )
+    assert stream.getvalue().endswith("  left 0:00:06\n")
     assert "2,000/s" in stream.getvalue()
 
 
@@ -209,15 +199,6 @@ def test_a_training_that_does_not_compile_does_not_say_so(heartbeat):
     beats(32.0)
     note.unlink()  # code that is compiled again in each process takes a moment
     assert not any("compiling, once" in line for _, line in beats(60.0))
-
-
-def test_a_terminal_has_a_bar_once_there_is_an_iteration(heartbeat):
-    beats, stream, note, heart = heartbeat
-    stream.isatty = lambda: True
-    note.touch()
-    assert len(beats(30.0)) == 1
-    heart.iteration()
-    assert beats(200.0) == []
 
 
 def test_the_note_is_there_while_a_process_compiles(tmp_path):

@@ -13,9 +13,8 @@ from algorithms import build
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.experiments.runs.progress import flatten
-from safe_inspect.experiments.runs.training_log import TrainingLog
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+from safe_inspect.experiments.runs.progress import TrainingLog, flatten
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 
 HORIZON, WINDOW, ENVS, POINTS = 20, 25, 16, 2
 TASKS = {"one": "translational-inspection", "three": "multiagent-translational-inspection"}

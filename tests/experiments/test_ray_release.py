@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from training_values import MAKER
 
-from safe_inspect.config.keys import old_keys, rllib_release, run_keys
+from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_rllib, translate_tune
@@ -127,16 +127,16 @@ def test_the_names_of_the_release_are_those_of_the_installed_one(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts"))
     from rllib_keys import names_of_release
 
-    assert json.loads(rllib_release.RELEASE.read_text(encoding="utf-8")) == names_of_release()
+    assert json.loads(keys.RELEASE.read_text(encoding="utf-8")) == names_of_release()
 
 
 def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     good = translate_rllib({"algorithm": "SAC", "tau": 0.25})
     assert build_config(good, environment_settings({}, good.settings, maker=MAKER)).tau == 0.25
-    monkeypatch.setattr(rllib_release, "_installed", lambda: "another release")
+    monkeypatch.setattr(keys, "_installed", lambda: "another release")
     bad = translate_rllib({"algorithm": "SAC", "taus": 0.25})
     with pytest.raises(ConfigError, match="SAC has no key `taus`; did you mean `tau`"):
         build_config(bad, environment_settings({}, bad.settings, maker=MAKER))
@@ -144,7 +144,7 @@ def test_a_key_of_another_algorithm_is_checked_when_ray_is_loaded(monkeypatch):
 
 def test_settings_reach_the_algorithm():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     found = translate_rllib(
         {"lambda": 0.9, "num_sgd_iter": 3, "train_batch_size": 640, "minibatch_size": 64, "vf_share_layers": True}
@@ -160,7 +160,7 @@ def test_settings_reach_the_algorithm():
 
 def test_what_rllib_refuses_is_our_error():
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     found = translate_rllib({"use_gae": False})
     with pytest.raises(ConfigError, match="rllib_configs: Episode truncation is not supported without a value"):
@@ -169,7 +169,7 @@ def test_what_rllib_refuses_is_our_error():
 
 def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     base = "from ray.rllib.callbacks.callbacks import RLlibCallback"
     (tmp_path / "own_callbacks.py").write_text(f"{base}\nclass Mine(RLlibCallback):\n    pass\nx = 3\n")
@@ -179,7 +179,7 @@ def test_callbacks_are_named_by_their_path(tmp_path, monkeypatch):
     assert not found.notes
     config = build_config(found, environment_settings({}, found.settings, maker=MAKER))
     assert [kind.__name__ for kind in config.callbacks_class] == ["RunCallbacks", "Mine"]
-    for name, told in (("own_callbacks.x", "is not a class of callbacks"), ("no_such_module.Mine", "no module")):
+    for name, told in (("own_callbacks.x", "has no .x."), ("no_such_module.Mine", "no module")):
         found = translate_rllib({"callbacks": [name]})
         with pytest.raises(ConfigError, match=told):
             build_config(found, environment_settings({}, found.settings, maker=MAKER))

@@ -155,7 +155,7 @@ def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
 def test_layers_of_a_kind_that_no_file_holds():
     import torch
 
-    from safe_inspect.experiments.export.net_layers import layers_of
+    from safe_inspect.experiments.export.onnx_graph import layers_of
 
     module = make_module(experiment_of().spec.agents[0], use_lstm=True, lstm_cell_size=8)
     layers_of(module, "here")

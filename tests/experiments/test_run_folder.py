@@ -12,7 +12,7 @@ from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.learning_configuration import changed_values, digest, learning_configuration
+from safe_inspect.experiments.files.run_folder import changed_values, digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.outputs import exclusive

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import math
+import pickle
 import signal
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,10 +17,10 @@ import pytest
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
 from safe_inspect.experiments.files.checkpoints import Checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder, write_parameters
-from safe_inspect.experiments.runs import training_log, trials, tune_hooks, tune_run
-from safe_inspect.experiments.runs.training_log import TrainingLog, read_progress
+from safe_inspect.experiments.runs import progress, trials, tune_run
+from safe_inspect.experiments.runs.progress import TrainingLog, read_progress
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, trial_table
-from safe_inspect.experiments.runs.tune_hooks import Monitor, RunCallback, RunStopper, monitored
+from safe_inspect.experiments.runs.tune_run import Monitor, monitored
 from safe_inspect.experiments.settings.search import Trial
 
 pytestmark = pytest.mark.ray
@@ -55,13 +57,15 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         def show(self, flat: Any) -> None:
             found.append(("show", flat["training_iteration"]))
 
-        def close(self) -> None:
-            found.append("close line")
-
-    monkeypatch.setattr(tune_hooks, "TrainingLog", Log)
-    monkeypatch.setattr(tune_hooks, "TrainingProgress", Lines)
-    monkeypatch.setattr(tune_hooks, "seal_checkpoint", lambda sealed: found.append(sealed))
+    monkeypatch.setattr(tune_run, "TrainingLog", Log)
+    monkeypatch.setattr(tune_run, "TrainingProgress", Lines)
+    monkeypatch.setattr(tune_run, "seal_checkpoint", lambda sealed: found.append(sealed))
     return found
+
+
+def trial_of(name: str | None, last: Any = None) -> Any:
+    storage = SimpleNamespace(trial_dir_name=name)
+    return SimpleNamespace(storage=storage, last_result=last, config={"env_config": {"trial": 12}}, trial_id="a_9")
 
 
 def monitor_of(folder: Path, *, start: Checkpoint | None = None, single: bool = True) -> Monitor:
@@ -74,23 +78,23 @@ def monitor_of(folder: Path, *, start: Checkpoint | None = None, single: bool = 
 def test_a_single_training_is_logged_in_the_folder_of_the_run(tmp_path: Path, called: list[Any]) -> None:
     monitor, beats = monitor_of(tmp_path, start=Checkpoint(tmp_path, 4, 4096)), list[int]()
     monitor.heartbeat.iteration = lambda: beats.append(1)  # type: ignore[method-assign]
-    monitor.on_start("trial")
-    monitor.on_result("trial", result(5))
-    monitor.on_result("trial", result(6))
+    monitor.on_trial_start(0, [], trial_of("trial"))
+    monitor.on_trial_result(0, [], trial_of("trial"), result(5))
+    monitor.on_trial_result(0, [], trial_of("trial"), result(6))
     assert called == [
         ("log", tmp_path / "run", 4, 4096), ("line", monitor.stop, ""), ("add", "run", 5.0, None), ("show", 5.0),
         ("add", "run", 6.0, None), ("show", 6.0),
     ]  # fmt: skip
     assert (len(beats), monitor.last["training_iteration"]) == (2, 6.0)
     assert monitor.stream.getvalue() == ""  # type: ignore[attr-defined]
-    monitor.on_checkpoint(tmp_path / "c", result(6))
+    monitor.on_checkpoint(0, [], trial_of("trial", result(6)), SimpleNamespace(path=tmp_path / "c"))
     assert called[-1] == Checkpoint(tmp_path / "c", 6, 6000, 2.5, "digest")
-    monitor.on_checkpoint(tmp_path / "c", {})
+    monitor.on_checkpoint(0, [], trial_of("trial", {}), SimpleNamespace(path=tmp_path / "c"))
     assert called[-1] == Checkpoint(tmp_path / "c", 0, 0, 0.0, "digest")
     monitor.close()
-    assert called[-2:] == [("close log", "run"), "close line"]
+    assert called[-1] == ("close log", "run")
     fresh = monitor_of(tmp_path)
-    fresh.on_result("trial", result(1))
+    fresh.on_trial_result(0, [], trial_of("trial"), result(1))
     assert called[-4] == ("log", tmp_path / "run", 0, 0)
 
 
@@ -101,109 +105,75 @@ def test_each_trial_of_a_search_is_logged_in_a_folder_of_its_own(tmp_path: Path,
         record = {"digest": f"of {folder.name}", "attempts": attempts, "configuration": {}}
         (folder / "run.json").write_text(json.dumps(record))
     write_parameters(tmp_path / "run" / "trials" / "trial_1", {"lr": 0.01}, 5)
-    monitor.on_start("trial_1")
+    monitor.on_trial_start(0, [], trial_of("trial_1"))
     assert monitor.stream.getvalue() == "trial_1  lr 0.01, seed 5\n"  # type: ignore[attr-defined]
     record = json.loads((tmp_path / "run" / "trials" / "trial_1" / "run.json").read_text())
     assert record["attempts"] == [0, 2]
-    monitor.on_result("trial_1", result(4, seed=11))
-    monitor.on_result("trial_2", result(1, seed=12))
-    monitor.on_result("trial_1", result(5, seed=11))
+    monitor.on_trial_result(0, [], trial_of("trial_1"), result(4, seed=11))
+    monitor.on_trial_result(0, [], trial_of("trial_2"), result(1, seed=12))
+    monitor.on_trial_result(0, [], trial_of("trial_1"), result(5, seed=11))
     trials_folder = tmp_path / "run" / "trials"
     assert called == [
         ("log", trials_folder / "trial_1", 3), ("line", monitor.stop, "trial_1"), ("add", "trial_1", 4.0, 11.0),
         ("show", 4.0), ("log", trials_folder / "trial_2", 0), ("line", monitor.stop, "trial_2"),
         ("add", "trial_2", 1.0, 12.0), ("show", 1.0), ("add", "trial_1", 5.0, 11.0), ("show", 5.0),
     ]  # fmt: skip
-    monitor.on_checkpoint(trials_folder / "trial_1" / "checkpoint_0", result(5))
+    monitor.on_checkpoint(
+        0, [], trial_of("trial", result(5)), SimpleNamespace(path=trials_folder / "trial_1" / "checkpoint_0")
+    )
     assert called[-1] == Checkpoint(trials_folder / "trial_1" / "checkpoint_0", 5, 5000, 2.5, "of trial_1")
 
 
 def test_a_training_ends_at_the_first_of_its_limits(tmp_path: Path, called: list[Any]) -> None:
     monitor = monitor_of(tmp_path)
-    assert [monitor.reached(result(k)) for k in (8, 9, 10)] == [False, True, True]
-    assert monitor.reached(result(1, env_runners={"return": 5.0}))
-    assert not monitor.reached(result(1, env_runners={"return": 4.9}))
-    monitor.on_result("trial", result(1))
+    assert [monitor("trial", result(k)) for k in (8, 9, 10)] == [False, True, True]
+    assert monitor("trial", result(1, env_runners={"return": 5.0}))
+    assert not monitor("trial", result(1, env_runners={"return": 4.9}))
+    monitor.on_trial_result(0, [], trial_of("trial"), result(1))
     monitor.interrupt(signal.SIGINT)
-    assert called[-1] == "close line"
-    assert monitor.reached(result(1))
+    assert monitor("trial", result(1))
 
 
-def test_tune_speaks_to_the_monitor_of_its_training_alone(tmp_path: Path, called: list[Any]) -> None:
-    stopper, callback, monitor = RunStopper(), RunCallback(), monitor_of(tmp_path)
-    storage = SimpleNamespace(trial_dir_name="kept")
-    trial = SimpleNamespace(
-        storage=storage, last_result=result(3), config={"env_config": {"trial": 12}}, trial_id="a_9"
-    )
-    checkpoint = SimpleNamespace(path=str(tmp_path / "c"))
+def test_a_pickle_refers_to_the_monitor_of_the_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monitor, started = monitor_of(tmp_path, single=False), list[str]()
+    text = pickle.dumps(monitor)
+    assert pickle.loads(text) is None
 
-    def speak() -> None:
-        callback.on_trial_start(0, [], trial)
-        callback.on_trial_result(0, [], trial, result(3))
-        callback.on_checkpoint(0, [], trial, checkpoint)
-
-    speak()
-    assert not stopper("trial", result(9))
-    assert not called
-    started: list[str] = []
-    monitor.on_start = started.append  # type: ignore[method-assign]
+    def start(name: str | None, **more: Any) -> None:
+        trial = trial_of(name)
+        vars(trial).update(more)
+        with pytest.raises(CheckpointError):  # there is no record
+            monitor.on_trial_start(0, [], trial)
 
     def fly() -> None:
-        speak()
-        assert (stopper("trial", result(9)), stopper("trial", result(8)), stopper.stop_all()) == (True, False, False)
-        storage.trial_dir_name = None
-        callback.on_trial_start(0, [], trial)
-        trial.config = {}
-        callback.on_trial_start(0, [], trial)
+        assert pickle.loads(text) is copy.deepcopy(monitor) is monitor
+        assert monitor.stop_all() is False
+        start("kept")
+        start(None)
+        start(None, config={})
         raise ValueError("by the way")
 
+    monkeypatch.setattr(tune_run, "copy_attempt", lambda folder, own: started.append(own.path.name))
     with pytest.raises(ValueError, match="by the way"), monitored(monitor):
         fly()
     assert started == ["kept", "trial_00012", "trial_9"]
-    assert [one for one in called if not isinstance(one, str)][2:] == [
-        ("add", "run", 3.0, None), ("show", 3.0), Checkpoint(tmp_path / "c", 3, 3000, 2.5, "digest"),
-        ("close log", "run"),
-    ]  # fmt: skip
-    speak()
-    assert len(started) == 3
+    assert pickle.loads(text) is None
 
 
-def test_an_error_that_an_environment_leaves_is_read_once_it_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, waits = tmp_path / "failure.json", list[float]()
-    assert tune_hooks.read_failure(path) == {}
-    path.write_text('{"error": "x", "mess')
-
-    def wait(seconds: float) -> None:
-        waits.append(seconds)
-        if len(waits) == 3:
-            path.write_text('{"error": "x", "message": "m"}')
-
-    now = iter([0.0, 0.0, 0.3, 0.6, 0.9, *[2.0] * 9])
-    monkeypatch.setattr(tune_hooks, "time", SimpleNamespace(monotonic=lambda: next(now), sleep=wait))
-    assert tune_hooks.read_failure(path) == {"error": "x", "message": "m"}
-    assert len(waits) == 3
-    path.write_text("{")
-    now = iter([0.0, 0.5, 0.99, 1.0])
-    assert tune_hooks.read_failure(path) == {}
-    assert len(waits) == 5
-
-
-def test_the_error_of_a_training_is_that_of_its_cause() -> None:
-    with pytest.raises(PluginValueError, match=r"^m$"):
-        tune_run._raise_failure({"error": "PluginValueError", "message": "m"}, ValueError("other"))
-    with pytest.raises(SafeInspectError, match=r"^m$"):
-        tune_run._raise_failure({"error": "Unknown", "message": "m"}, None)
+def test_the_error_of_a_training_is_that_of_its_cause(tmp_path: Path) -> None:
+    path = tmp_path / "failure.json"
+    for name, kind in (("PluginValueError", PluginValueError), ("Unknown", SafeInspectError)):
+        path.write_text(json.dumps({"error": name, "message": "m"}))
+        with pytest.raises(kind, match=r"^m$"):
+            tune_run._raise_failure(path, ValueError("other"))
+    path.unlink()
     inner, middle, outer = ConfigError([]), RuntimeError("middle"), RuntimeError("outer")
     middle.__cause__ = inner
     outer.cause = middle  # type: ignore[attr-defined]  # as Ray names it
     with pytest.raises(ConfigError):
-        tune_run._raise_failure({}, outer)
-    plain = RuntimeError("plain")
+        tune_run._raise_failure(path, outer)
     with pytest.raises(RuntimeError, match="plain"):
-        tune_run._raise_failure({}, plain)
-    tune_run._raise_failure({}, None)
+        tune_run._raise_failure(path, RuntimeError("plain"))
 
 
 def test_a_process_that_died_is_told_from_one_that_could_not_begin() -> None:
@@ -249,9 +219,9 @@ def test_the_best_trial_is_that_by_which_trials_are_ranked() -> None:
 
     results = SimpleNamespace(get_best_result=best)
     assert tune_run._best_trial(results, {"metric": "x", "mode": "min"}) == Path("here")
-    assert tune_run._best_trial(results, {}) == Path("here")
-    assert tune_run._best_trial(results, {"metric": "unknown"}) is None
-    assert asked[:2] == [("x", "min"), ("env_runners/episode_return_mean", "max")]
+    assert tune_run._best_trial(results, {"metric": "y", "mode": "max"}) == Path("here")
+    assert tune_run._best_trial(results, {"metric": "unknown", "mode": "max"}) is None
+    assert asked[:2] == [("x", "min"), ("y", "max")]
 
 
 class Board:
@@ -296,9 +266,9 @@ def test_lines_that_are_no_iterations_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     kept = ['{"training_iteration": 1, "a": 2}', '{"training_iteration": 2}']
     path.write_text("\n".join([kept[0], '{"a": 1}', '{"training_iteration": 3}', kept[1], '{"trai']))
-    training_log._keep_lines(path, 2)
+    progress._keep_lines(path, 2)
     assert path.read_text() == "\n".join(kept) + "\n"
-    training_log._keep_lines(tmp_path / "nowhere", 2)
+    progress._keep_lines(tmp_path / "nowhere", 2)
     assert not (tmp_path / "nowhere").exists()
     rows = tmp_path / "progress.csv"
     rows.write_text("iteration,a,b\n1,,2.5\n,3,4\n2,5\n3,6,7,8\n")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.runs import missions, progress, recipes
+from safe_inspect.experiments.runs import cluster, progress, trials
 from safe_inspect.experiments.sampling.environment import first_slot, seed_of, stream_seed
 
 pytestmark = pytest.mark.ray
@@ -51,7 +51,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
             (folder / "run.json").write_text(json.dumps({"configuration": configuration}))
         return folder
 
-    monkeypatch.setattr(recipes, "read_run_record", lambda run: json.loads(run.record.read_text()))
+    monkeypatch.setattr(trials, "read_run_record", lambda run: json.loads(run.record.read_text()))
     return make
 
 
@@ -61,15 +61,15 @@ def test_runs_that_differ_in_their_seed_are_one_recipe(runs: Any) -> None:
         runs("one", base), runs("two", {**base, "rllib_configs": {"lr": 1e-3, "seed": 2}}),
         runs("three", {**base, "rllib_configs": {"lr": 1e-4, "seed": 1}}),
     ]  # fmt: skip
-    found = recipes.recipes_of(folders)
+    found = trials.recipes_of(folders)
     assert {label: [path.parent.name for path in paths] for label, paths in found.items()} == {
         "lr 0.001": ["one", "two"], "lr 0.0001": ["three"],
     }  # fmt: skip
-    assert list(recipes.recipes_of(folders, ["a", "b", "a"])) == ["a", "b"]
-    assert [len(paths) for paths in recipes.recipes_of(folders, ["a", "b", "a"]).values()] == [2, 1]
-    assert [len(paths) for paths in recipes.recipes_of(folders, ["a", "b"]).values()] == [2, 1]
+    assert list(trials.recipes_of(folders, ["a", "b", "a"])) == ["a", "b"]
+    assert [len(paths) for paths in trials.recipes_of(folders, ["a", "b", "a"]).values()] == [2, 1]
+    assert [len(paths) for paths in trials.recipes_of(folders, ["a", "b"]).values()] == [2, 1]
     with pytest.raises(SafeInspectError) as caught:
-        recipes.recipes_of(folders, ["a"])
+        trials.recipes_of(folders, ["a"])
     assert str(caught.value) == (
         "1 labels are given for 3 runs of 2 recipes; give a label for each run or for each recipe"
     )
@@ -92,21 +92,21 @@ def test_runs_that_differ_in_their_seed_are_one_recipe(runs: Any) -> None:
 )  # fmt: skip
 def test_a_recipe_is_named_by_what_differs(runs: Any, changes: list[Any], labels: list[str]) -> None:
     folders = [runs(f"r{index}_2026-01-0{index + 1}_00-00-00", change) for index, change in enumerate(changes)]
-    assert list(recipes.recipes_of(folders)) == labels
+    assert list(trials.recipes_of(folders)) == labels
 
 
 def test_runs_without_a_record_are_named_by_their_folders(runs: Any, tmp_path: Path) -> None:
     first, second = runs("a_2026-01-01_00-00-00"), runs("a_2026-01-02_00-00-00_1")
-    assert {label: len(paths) for label, paths in recipes.recipes_of([first, second]).items()} == {"a": 2}
-    trials = [runs(f"s_2026-01-01_00-00-00/trials/trial_0000{index}", {"lr": index}) for index in (0, 1)]
-    search = trials[0].parents[1]
-    assert list(recipes.recipes_of([search])) == ["lr 0", "lr 1"]
-    assert recipes._name(trials[0] / "progress.csv") == "s_2026-01-01_00-00-00 trial_00000"
-    assert recipes._stem(trials[0] / "progress.csv") == "s trial_00000"
-    assert recipes.one_recipe(first) == [first / "progress.csv"]
-    assert recipes.one_recipe(trials[1] / "progress.csv") == [trials[1] / "progress.csv"]
+    assert {label: len(paths) for label, paths in trials.recipes_of([first, second]).items()} == {"a": 2}
+    searched = [runs(f"s_2026-01-01_00-00-00/trials/trial_0000{index}", {"lr": index}) for index in (0, 1)]
+    search = searched[0].parents[1]
+    assert list(trials.recipes_of([search])) == ["lr 0", "lr 1"]
+    assert trials._name(searched[0] / "progress.csv") == "s_2026-01-01_00-00-00 trial_00000"
+    assert trials._stem(searched[0] / "progress.csv") == "s trial_00000"
+    assert trials.one_recipe(first) == [first / "progress.csv"]
+    assert trials.one_recipe(searched[1] / "progress.csv") == [searched[1] / "progress.csv"]
     with pytest.raises(SafeInspectError) as caught:
-        recipes.one_recipe(search)
+        trials.one_recipe(search)
     assert str(caught.value) == (
         f"{search}: the trials of this search differ in more than their seed (lr 0; lr 1); give the folders of single "
         "trials, trials/NAME"
@@ -114,7 +114,7 @@ def test_runs_without_a_record_are_named_by_their_folders(runs: Any, tmp_path: P
     (tmp_path / "empty").mkdir()
     for folder, what in (("empty", "there is no progress.csv in this folder"), ("nowhere", "there is no such folder")):
         with pytest.raises(SafeInspectError) as caught:
-            recipes.recipes_of([tmp_path / folder])
+            trials.recipes_of([tmp_path / folder])
         assert str(caught.value) == f"{tmp_path / folder}: {what}; give the folder of a training run"
 
 
@@ -154,12 +154,12 @@ def test_missions_fly_as_tasks_as_many_at_a_time_as_asked(
     monkeypatch.setattr(ray, "cancel", lambda task, force: fake.cancelled.append(task))
 
     @contextlib.contextmanager
-    def cluster(settings: Any, cpus: float, folder: Any) -> Any:
+    def started_cluster(settings: Any, cpus: float, folder: Any) -> Any:
         started.append((settings["address"], settings["num_cpus"], cpus, folder))
         yield
 
-    monkeypatch.setattr(missions, "ray_cluster", cluster)
-    flights = missions.RayFlights("local", workers)
+    monkeypatch.setattr(cluster, "ray_cluster", started_cluster)
+    flights = cluster.RayFlights("local", workers)
     assert list(flights({"a": 1}, "file", range(3, 8))) == [(number, {"flown": number}) for number in range(3, 8)]
     assert (fake.most, fake.cancelled, started) == (most, [], [("local", workers, 1.0, None)])
     stopped = flights({"a": 1}, "file", range(5))
@@ -176,13 +176,13 @@ def test_a_mission_that_fails_raises_its_own_error(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(ray, "get", fail)
     with pytest.raises(SafeInspectError, match=r"^lost$"):
-        missions._result("task")
+        cluster._result("task")
 
 
 def test_tune_searches_the_number_of_the_trial_alone() -> None:
     from ray.tune.search.sample import Function
 
-    from safe_inspect.experiments.runs.tune_objects import OfTrial, search_space, tune_space
+    from safe_inspect.experiments.runs.tune_objects import _value_of_trial, search_space, tune_space
 
     configs: Any = [
         SimpleNamespace(to_dict=lambda lr=lr: {"lr": lr, "env_config": {"seed": lr + 1}}) for lr in (10, 20, 30)
@@ -194,7 +194,7 @@ def test_tune_searches_the_number_of_the_trial_alone() -> None:
     trial = {"env_config": {"trial": 2}}
     assert space["lr"].func(trial) == 30
     assert space["env_config"]["seed"].func(trial) == 31
-    assert OfTrial([5, 6])({"env_config": {"trial": 1}}) == 6
+    assert _value_of_trial([5, 6], {"env_config": {"trial": 1}}) == 6
     found = tune_space(
         {"a": {"choice": [1, 2]}, "b": {"uniform": [0, 3]}, "c": {"loguniform": [1, 4]}, "d": {"randint": [2, 5]}}
     )

@@ -1,8 +1,7 @@
-"""The batched runners in this process, without Ray: slots, evaluation, what a checkpoint holds, RLlib's own runner."""
+"""The batched runners in this process, without Ray: slots, evaluation, what a checkpoint holds."""
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -69,7 +68,7 @@ def test_runners_share_the_slots_of_one(team: Any) -> None:
 
 
 def test_a_runner_knows_its_spaces_and_tells_the_callbacks(monkeypatch: pytest.MonkeyPatch) -> None:
-    from safe_inspect.experiments.sampling.callbacks import RunCallbacks
+    from safe_inspect.experiments.sampling.env_runners import RunCallbacks
 
     told: list[Any] = []
     monkeypatch.setattr(RunCallbacks, "on_environment_created", lambda self, **given: told.append(given))
@@ -142,40 +141,3 @@ def test_what_lives_through_resets_is_in_the_state_of_a_runner() -> None:
     second.set_state({"rl_module": state["rl_module"], "weights_seq_no": 9})
     assert any(part.t_started for part in parts_of(second.sample(num_timesteps=8)))
     assert second._weights_seq_no == 9
-
-
-def test_actions_of_no_policy_are_uniform() -> None:
-    runner = runner_of(ONE)
-    actions = np.concatenate([part.get_actions() for part in runner.sample(num_timesteps=800, random_actions=True)])
-    assert np.abs(actions).max() <= 1.0
-    assert actions.std() == pytest.approx(3.0**-0.5, rel=0.1)
-    drawn = np.concatenate([part.get_actions() for part in runner.sample(num_timesteps=800)])
-    assert np.abs(drawn).max() > 1.0  # those of the policy are not clipped
-
-
-@pytest.mark.parametrize("why", ["hook", "recurrent"])
-def test_what_the_batch_does_not_serve_is_sampled_by_rllibs_own_runner(
-    monkeypatch: pytest.MonkeyPatch, why: str
-) -> None:
-    from safe_inspect.experiments.sampling import env_runners
-    from safe_inspect.experiments.settings.capabilities import Capabilities
-
-    asked: list[bool] = []
-
-    def capable(config: Any, module: Any = None) -> Capabilities:
-        asked.append(module is not None)
-        return Capabilities("of a reason" if why == "hook" or module is not None else "", "")
-
-    monkeypatch.setattr(env_runners, "capabilities", capable)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        runner = runner_of(ONE, 2, 4)
-    assert sum("of a reason" in str(one.message) for one in told) == 1
-    assert not isinstance(runner.env, TeamSpaces)
-    assert asked == [False] if why == "hook" else [False, True]
-    episodes = runner.sample(num_timesteps=40)
-    assert sum(map(len, episodes)) == 40
-    assert {part.get_observations()[0][2] for part in episodes} == {4.0, 5.0, 6.0, 7.0}
-    assert TASK not in runner.get_state()
-    runner.set_state({**runner.get_state(), TASK: {}})
-    assert runner.get_metrics()["num_env_steps_sampled"].peek() == 40

@@ -15,12 +15,17 @@ from training_values import MAKER
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.learning.ppo_batch import batches_of
+from safe_inspect.experiments.learning.ppo_learner import batches_of
 from safe_inspect.experiments.sampling import env_runners
-from safe_inspect.experiments.sampling.fragments import multi_agent_episodes, single_agent_episodes
-from safe_inspect.experiments.sampling.rollout import DecisionRollout, DecisionTrack, Rollout
-from safe_inspect.experiments.sampling.sampler import AgentSlot
-from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
+from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
+from safe_inspect.experiments.sampling.rollout import (
+    AgentSlot,
+    DecisionRollout,
+    DecisionTrack,
+    Rollout,
+    multi_agent_episodes,
+    single_agent_episodes,
+)
 
 pytestmark = pytest.mark.ray
 
@@ -83,7 +88,6 @@ def seven_steps() -> Rollout:
 def test_agents_end_at_times_of_their_own() -> None:
     rollout = seven_steps()
     pieces = rollout.pieces
-    assert not rollout.random
     assert not rollout.missing
     assert [(piece.env, piece.start, piece.stop, piece.begun, piece.episode, piece.over) for piece in pieces] == [
         (0, 0, 4, 5, 8, True), (1, 0, 7, 11, 0, True), (0, 4, 7, 0, -1, False),
@@ -96,10 +100,8 @@ def test_agents_end_at_times_of_their_own() -> None:
     ]
 
 
-@pytest.mark.parametrize("drawn", [True, False])
-def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> None:
+def test_an_episode_of_several_agents_holds_the_steps_of_each() -> None:
     rollout = seven_steps()
-    rollout.random = not drawn
     first, second, third = multi_agent_episodes(rollout, SLOTS, SPACES, ["a", "b", "c"], 6, mapping)
     assert [(one.env_t_started, one.env_t) for one in (first, second, third)] == [(5, 9), (11, 18), (0, 3)]
     assert [(one.is_terminated, one.is_truncated) for one in (first, second, third)] == [
@@ -120,10 +122,8 @@ def test_an_episode_of_several_agents_holds_the_steps_of_each(drawn: bool) -> No
     np.testing.assert_array_equal(one.get_actions(), track.actions[1, 0, :2])
     np.testing.assert_array_equal(one.get_rewards(), track.rewards[1, 0, :2])
     outputs = {key: one.get_extra_model_outputs(key) for key in one.extra_model_outputs}
-    wanted = {"weights_seq_no": [6, 6]}
-    if drawn:
-        given = {"action_dist_inputs": track.inputs, "action_logp": track.log_probabilities}
-        wanted |= {key: array[1, 0, :2] for key, array in given.items()}
+    given = {"action_dist_inputs": track.inputs, "action_logp": track.log_probabilities}
+    wanted = {"weights_seq_no": [6, 6], **{key: array[1, 0, :2] for key, array in given.items()}}
     assert outputs.keys() == wanted.keys()
     for key, values in wanted.items():
         np.testing.assert_array_equal(outputs[key], values)
@@ -177,7 +177,7 @@ def test_decisions_of_each_agent_stand_one_behind_the_other() -> None:
     """The first environment ends after step 4, with 2, 1 and 3 decisions; the second continues with 1, 0 and 2."""
     everyone = np.ones((3, 2), dtype=np.bool_)
     rollout = DecisionRollout(SIZES, 8, np.array([6, 0]), everyone.copy())
-    assert (rollout.random, rollout.missing) == (False, False)
+    assert not rollout.missing
     group, alone = rollout.tracks
     group.counts[:, 0], alone.counts[:, 0] = [2, 1], [3]
     rollout.end(PAIR, 3, masks(2, (1, 0)), masks(2))
@@ -328,24 +328,24 @@ def test_an_agent_that_ends_is_named_and_a_whole_truncation_is_not() -> None:
     assert [one.tolist() for one in steps.actions[0]] == [[[[1, 2, 3], [4, 5, 6]]], [[[7, 8, 9]]]]
     assert {agent: len(one) for agent, one in observations.items()} == {"red": 11, "blue": 11, "green": 7}
     assert rewards == {"red": 1.0, "blue": 2.0, "green": 3.0}
-    assert infos["green"] == {"reward/near": 1.5}
+    assert infos == {"red": {}, "blue": {}, "green": {}}
     nobody = {"red": False, "blue": False, "green": False, "__all__": False}
     assert (terminated, truncated) == (nobody, {**nobody, "blue": True})
-    assert (env.agents, env.report()) == (["red", "green"], None)
+    assert (env.agents, env.reports) == (["red", "green"], {})
     steps.ends, steps.over = {"red": (True, False), "green": (False, True)}, True
     observations, rewards, terminated, truncated, _ = env.step({**actions, "blue": "ignored"})
     assert steps.actions[1][0].tolist() == [[[1, 2, 3], [0, 0, 0]]]
     assert set(observations) == set(rewards) == {"red", "green"}
     assert terminated == {"red": True, "green": False, "__all__": False}
     assert truncated == {"red": False, "__all__": True}
-    assert env.report()["return"] == 12.0
+    assert env.reports[0]["return"] == 12.0
     env.reset()
     assert env.agents == ["red", "blue", "green"]
     steps.ends = dict.fromkeys(actions, (True, False))
     *_, terminated, truncated, _ = env.step(actions)
     assert terminated == {"red": True, "blue": True, "green": True, "__all__": True}
     assert truncated == nobody
-    assert env.report()["return"] == 6.0
+    assert env.reports[0]["return"] == 6.0
 
 
 @pytest.mark.parametrize("flat", [True, False])
@@ -370,24 +370,22 @@ def test_a_flat_action_is_a_combination_of_levels(flat: bool) -> None:
 
 
 def test_the_place_and_the_seeds_of_one_environment() -> None:
-    env = team_env(seeded_by_reset=True)
+    env = team_env()
     assert env.agents == env.possible_agents == ["red", "blue", "green"]
     assert {agent: space.shape for agent, space in env.observation_spaces.items()} == {
         "red": (11,), "blue": (11,), "green": (7,),
     }  # fmt: skip
-    assert env.report() is None
+    assert env.reports == {}
     team, seeds = env.team, list[Any]()
-    env.place(0, 4, 0, False)
+    env.place(0, False)
     assert env.team is team
-    env.place(3, 4, 1, True)
+    env.place(9, True)
     assert env.team is not team
     assert env.team.slots.tolist() == [9]
     reset = env.team.reset
-    env.team.reset = lambda *, seed: seeds.append(seed) or reset(seed=seed)
+    env.team.reset = lambda seed=None: seeds.append(seed) or reset(seed=seed)
     env.reset(seed=5)
-    env._config["seeded_by_reset"] = False
-    env.reset(seed=5)
-    assert seeds == [5, None]
+    assert seeds == [None]  # RLlib's seed is not used
 
 
 @pytest.mark.parametrize("kind", [TeamMultiAgentEnv, lambda config: TrainingEnv(config, 2)], ids=["team", "one"])
@@ -411,7 +409,6 @@ def test_an_environment_that_has_ended_takes_no_action_and_begins_again() -> Non
         assert (rewards[ended] == 0.0).all()
         assert not (terminated | truncated)[ended].any()
         assert set(env.reports) == set(np.flatnonzero(terminated | truncated))
-        assert all(env.report(index) is env.reports.get(index) for index in range(3))
         again += int(ended.sum())
         ended = terminated | truncated
     assert again > 5
@@ -438,19 +435,19 @@ def test_a_runner_takes_whole_steps_and_begins_anew_after_whole_episodes() -> No
         def roll_episodes(self, *given: Any) -> Any:
             called.append(("episodes", *given))
 
-    runner = Runner(
-        _sampler=Fake(), num_envs=4, _needs_initial_reset=True, num_env_steps_sampled_lifetime=70, config=None
-    )
+    runner = Runner(_sampler=Fake(), num_envs=4, _needs_initial_reset=True, config=None)
     runner._roll(num_timesteps=8, explore=True)
-    runner._roll(num_timesteps=9, explore=False, random_actions=True)
+    runner._roll(num_timesteps=9, explore=False)
     runner._roll(num_timesteps=1, explore=True, force_reset=True)
     runner._roll(num_episodes=6, explore=True)
     runner._roll(explore=True)
     runner._roll(num_timesteps=4, explore=True)
     assert called == [
-        "reset", ("roll", 2, True, False, 70), ("roll", 3, False, True, 70), "reset", ("roll", 1, True, False, 70),
-        ("episodes", 6, True, False, 70), ("episodes", 0, True, False, 70), "reset", ("roll", 1, True, False, 70),
+        "reset", ("roll", 2, True), ("roll", 3, False), "reset", ("roll", 1, True),
+        ("episodes", 6, True), ("episodes", 0, True), "reset", ("roll", 1, True),
     ]  # fmt: skip
+    with pytest.raises(AssertionError, match="random actions"):
+        runner._roll(num_timesteps=4, explore=True, random_actions=True)
 
 
 def test_a_sample_is_named_by_seed_slot_and_episode_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -465,11 +462,11 @@ def test_a_sample_is_named_by_seed_slot_and_episode_and_counted(monkeypatch: pyt
         _roll=lambda **given: logged.append(given) or rollout, _episodes=lambda found, names: (found, names),
     )  # fmt: skip
     monkeypatch.setattr(env_runners, "log_steps", lambda *given: logged.append(given) or 14)
-    found, names = runner._sample(num_timesteps=9, explore=False, random_actions=True, force_reset=True)
+    found, names = runner._sample(num_timesteps=9, explore=False, force_reset=True)
     assert found is rollout
     assert names == ["ff-40-8", "ff-41-0", "ff-40-20"]
     assert logged == [
-        {"num_timesteps": 9, "explore": False, "random_actions": True, "force_reset": True},
+        {"num_timesteps": 9, "explore": False, "force_reset": True},
         ("logger", rollout, SLOTS, 2, False),
         {"metric": "counted", "num_steps": 14},
     ]  # fmt: skip

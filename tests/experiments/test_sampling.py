@@ -10,7 +10,7 @@ from algorithms import build, parts_of, targets
 from dummy_environment import CHOOSING, ONE, TEAM, THREE
 from training_values import QUICK
 
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER
 from safe_inspect.experiments.settings.translation import translate_rllib
 
 pytestmark = pytest.mark.ray
@@ -240,7 +240,7 @@ def test_a_piece_of_several_agents_can_be_sliced(algorithm):
 
 
 def test_a_row_of_a_net_does_not_depend_on_the_others(algorithm):
-    from safe_inspect.experiments.sampling.policy_net import PolicyNet
+    from safe_inspect.experiments.modules.tanh_net import PolicyNet
 
     algo = algorithm({}, model_config={"fcnet_hiddens": [256, 256]})
     module = algo.env_runner.module
@@ -251,7 +251,7 @@ def test_a_row_of_a_net_does_not_depend_on_the_others(algorithm):
         for start in range(0, 96, rows):
             net = PolicyNet(module, rows)
             net.observations[:] = observations[start : start + rows]
-            found.append(net(True, 0).copy())
+            found.append(net(True).copy())
         return np.concatenate(found)
 
     expected = flown(96)
@@ -260,25 +260,19 @@ def test_a_row_of_a_net_does_not_depend_on_the_others(algorithm):
         np.testing.assert_array_equal(flown(rows), expected)
 
 
-def test_what_the_batched_runner_cannot_do_the_stock_one_does(algorithm):
-    from ray.rllib.callbacks.callbacks import RLlibCallback
-    from ray.rllib.connectors.env_to_module import FlattenObservations
-
-    from safe_inspect.experiments.sampling.capabilities import capabilities
-
-    class Watching(RLlibCallback):
-        def on_episode_step(self, **kwargs):
-            pass
-
-    config = build({})
-    assert not capabilities(config).sampling
-    config.callbacks([*np.atleast_1d(config.callbacks_class), Watching])
-    assert capabilities(config).sampling == "a callback implements `on_episode_step`"
-    config = build({})
-    config.env_runners(env_to_module_connector=lambda env, spaces, device: FlattenObservations())
-    assert "there is a connector between environment and policy" in capabilities(config).sampling
-    with pytest.warns(UserWarning, match="RLlib's stock runner samples, because there is a connector"):
-        algo = config.build_algo()
+def test_what_the_batched_runner_cannot_do_the_stock_one_does(tmp_path, monkeypatch):
+    base = "from ray.rllib.callbacks.callbacks import RLlibCallback"
+    watching = "class Watching(RLlibCallback):\n    def on_episode_step(self, **kwargs):\n        pass\n"
+    (tmp_path / "watching_callbacks.py").write_text(f"{base}\n{watching}")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert build({}).env_runner_cls.__name__ == "BatchedEnvRunner"
+    with pytest.warns(
+        UserWarning, match="RLlib's stock runner samples, because a callback implements `on_episode_step"
+    ):
+        config = build({}, callbacks=["watching_callbacks.Watching"])
+    assert config.env_runner_cls is None
+    config = build({}, env_to_module_connector="ray.rllib.connectors.env_to_module.FlattenObservations")
+    algo = config.build_algo()
     try:
         runners = algo.train()["env_runners"]
         assert "success_rate" in runners

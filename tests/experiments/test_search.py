@@ -97,7 +97,7 @@ def test_tune_finds_each_trial_once():
 
     from safe_inspect.experiments.learning.algorithm import build_config
     from safe_inspect.experiments.runs.tune_objects import search_space
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     experiment = searching(lr=LR, sgd_minibatch_size=BATCHES)
     settings = settings_of(experiment)
@@ -123,7 +123,7 @@ def test_tune_resolves_nothing_in_the_configuration_of_a_single_run():
     from ray.tune.search.variant_generator import generate_variants
 
     from safe_inspect.experiments.learning.algorithm import build_config
-    from safe_inspect.experiments.settings.environments import environment_settings
+    from safe_inspect.experiments.settings.policies import environment_settings
 
     tree = {"config": {"lr": LR, "code": {"eval": "1 / 0"}}}
     found = translate_rllib({})

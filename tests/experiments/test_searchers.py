@@ -13,9 +13,9 @@ from training_values import MAKER, QUICK
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
-from safe_inspect.experiments.runs.tune_objects import METRIC, Suggestions, making, suggestions_of, tune_space
+from safe_inspect.experiments.runs.tune_objects import Suggestions, making, suggestions_of, tune_space
 from safe_inspect.experiments.settings.search import searches_of
-from safe_inspect.experiments.settings.translation import translate_tune
+from safe_inspect.experiments.settings.translation import METRIC, translate_tune
 
 RATES = {"loguniform": [1e-5, 1e-2]}
 SEARCHED = {"lr": RATES, "gamma": {"choice": [0.9, 0.99]}, "num_epochs": {"randint": [2, 4]}}

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.experiments.runs.training_log import read_progress
+from safe_inspect.experiments.runs.progress import read_progress
 
 pytestmark = [pytest.mark.ray, pytest.mark.long]
 

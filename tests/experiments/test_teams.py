@@ -13,8 +13,8 @@ from training_values import MAKER, QUICK
 
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError, ConfigError
+from safe_inspect.experiments.runs.progress import read_progress
 from safe_inspect.experiments.runs.train import train
-from safe_inspect.experiments.runs.training_log import read_progress
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings
 
 pytestmark = pytest.mark.ray
@@ -111,8 +111,8 @@ def test_other_policies_than_the_checkpoints_are_refused(trained):
     }
     with pytest.raises(CheckpointError) as caught:
         train(TrainingRun(**fields))
-    assert "the run's checkpoints have the policies shared (red, blue), own (green)" in str(caught.value)
-    assert "this experiment has shared (red, blue, green)" in str(caught.value)
+    assert "policies.own: {" in str(caught.value)
+    assert 'policies.shared.agents: ["red", "blue"] in the run, ["red", "blue", "green"] now' in str(caught.value)
 
 
 @pytest.mark.slow

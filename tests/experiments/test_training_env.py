@@ -10,8 +10,7 @@ import pytest
 from dummy_environment import TEAM, DummyTeam
 
 from safe_inspect.errors import PluginValueError, SafeInspectError
-from safe_inspect.experiments.sampling.environment import first_slot, stream_seed
-from safe_inspect.experiments.sampling.stock_envs import TrainingEnv
+from safe_inspect.experiments.sampling.environment import TrainingEnv, first_slot, stream_seed
 
 
 def build(num_envs=4, maker="dummy_environment:make", **more):
@@ -31,7 +30,7 @@ def test_seeds_of_attempts_and_of_the_evaluation_differ():
 
 def test_a_placed_runner_has_its_slots():
     whole, second = build(8), build(4)
-    second.place(worker_index=2, evaluation=False)
+    second.place(first_slot(2, second.num_envs), evaluation=False)
     everything, _ = whole.reset(seed=99)
     part, _ = second.reset()
     np.testing.assert_array_equal(part, everything[4:])
@@ -93,15 +92,15 @@ def test_each_episode_is_reported_once_with_its_sums():
 
 def test_the_states_of_an_error_are_saved_in_the_run(tmp_path, monkeypatch):
     from safe_inspect.environments.finite_checks import CRASH_FOLDER_VARIABLE
-    from safe_inspect.experiments.sampling.environment import Reported
+    from safe_inspect.experiments.sampling.environment import reported
 
     monkeypatch.delenv(CRASH_FOLDER_VARIABLE, raising=False)
     config = {"failure_file": str(tmp_path / "run" / "failure.json")}
-    with Reported(config):
+    with reported(config):
         assert os.environ[CRASH_FOLDER_VARIABLE] == str(tmp_path / "run")
     assert CRASH_FOLDER_VARIABLE not in os.environ
     monkeypatch.setenv(CRASH_FOLDER_VARIABLE, "theirs")
-    with Reported(config):
+    with reported(config):
         assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
     assert os.environ[CRASH_FOLDER_VARIABLE] == "theirs"
 

@@ -10,10 +10,8 @@ import yaml
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys import rllib_release
-from safe_inspect.config.spec import PolicySpec
+from safe_inspect.config.keys import rllib_keys
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
 #: As files for RLlib's old API stack write it.
@@ -151,18 +149,6 @@ def test_what_is_infinite_or_null_on_purpose_is_taken():
     assert not translate_tune({"stop": {"time_total_s": float("inf"), "episode_reward_mean": -3}}).problems
 
 
-def test_weights_that_are_not_there_are_reported_before_ray(tmp_path):
-    model = {"model_config": {"initial_weights": str(tmp_path / "none")}}
-    team = [PolicySpec(name, (name,), "PPO", model) for name in ("one", "two")]
-    found = read_settings({}, {}, {}, team)
-    assert {problem.path for problem in found.problems} == {
-        f"policies.{name}.model_config.initial_weights" for name in ("one", "two")
-    }
-    (problem,) = read_settings(model, {}, {}).problems
-    assert problem.path == "rllib_configs.model_config.initial_weights"
-    assert "is neither the folder of a checkpoint nor" in problem.message
-
-
 def test_all_mistakes_are_reported_together():
     found = translate_rllib({"gama": 1, "num_epochs": -1, "model": {"fcnet_activation": "tanhh"}, "framework": "tf"})
     assert len(found.problems) == 4
@@ -180,7 +166,7 @@ def test_searched_values_are_checked_one_by_one():
 
 def test_keys_of_another_algorithm_wait_for_ray():
     found = translate_rllib({"algorithm": "SAC", "n_step": 3, "gamma": 0.9})
-    assert found.unchecked == ["n_step"]
+    assert found.settings["n_step"] == 3
     assert not found.problems
     assert "minibatch_size" not in found.settings  # PPO's defaults are PPO's
 
@@ -190,11 +176,11 @@ def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, k
     (problem,) = translate_rllib({"algorithm": algorithm, key: 0.25}).problems
     assert problem.message == f"there is no key `{key}`"
     assert f"`{meant}`" in problem.hint
-    monkeypatch.setattr(rllib_release, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
+    monkeypatch.setattr(rllib_keys, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
     found = translate_rllib({"algorithm": algorithm, key: 0.25})
-    assert found.unchecked == [key]
+    assert found.settings[key] == 0.25
     assert not found.problems
-    monkeypatch.setattr(rllib_release, "_installed", lambda: None)
+    monkeypatch.setattr(rllib_keys, "_installed", lambda: None)
     assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
 
 

@@ -14,13 +14,13 @@ pytestmark = pytest.mark.ray
 
 def test_the_first_signal_asks_for_a_checkpoint_and_the_second_stops_at_once(tmp_path):
     from safe_inspect.experiments.files.run_folder import RunFolder
-    from safe_inspect.experiments.runs.tune_hooks import Monitor
+    from safe_inspect.experiments.runs.tune_run import Monitor
 
     stream = io.StringIO()
     monitor = Monitor(RunFolder(tmp_path), {"training_iteration": 9}, stream, "")
-    assert not monitor.reached({"training_iteration": 1})
+    assert not monitor("trial", {"training_iteration": 1})
     monitor.interrupt(signal.SIGTERM)
-    assert monitor.reached({"training_iteration": 1})
+    assert monitor("trial", {"training_iteration": 1})
     assert (
         stream.getvalue() == "stopping after this iteration, with a checkpoint; interrupt again to stop immediately\n"
     )

@@ -14,8 +14,8 @@ from training_values import MAKER, QUICK
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
-from safe_inspect.experiments.runs.tune_objects import METRIC, callbacks_of, ranking, scheduler_of
-from safe_inspect.experiments.settings.translation import translate_tune
+from safe_inspect.experiments.runs.tune_objects import callbacks_of, ranking, scheduler_of
+from safe_inspect.experiments.settings.translation import METRIC, translate_tune
 
 ASHA = {"functor": "ray.tune.schedulers.ASHAScheduler", "config": {"max_t": 7, "grace_period": 2}}
 PBT = {

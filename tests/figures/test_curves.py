@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.experiments.files.learning_configuration import learning_configuration
-from safe_inspect.experiments.runs.recipes import one_recipe, recipes_of
+from safe_inspect.experiments.files.run_folder import learning_configuration
+from safe_inspect.experiments.runs.trials import one_recipe, recipes_of
 from safe_inspect.experiments.settings.translation import translate_rllib
 from safe_inspect.figures import learning_curves
 from safe_inspect.figures.learning_curves import _band, _centre_of, curves_figure

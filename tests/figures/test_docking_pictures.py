@@ -14,8 +14,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.results.files import read_trajectories, trajectory_table
 from safe_inspect.evaluation.rollouts import record_episode
-from safe_inspect.figures.film import Film
-from safe_inspect.figures.film_views import moment
+from safe_inspect.figures.film import Film, moment
 from safe_inspect.figures.page import episode_page
 from safe_inspect.policies import DockingAutopilot
 

@@ -8,8 +8,7 @@ import pytest
 
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.figures import pictures
-from safe_inspect.figures.film import Film
-from safe_inspect.figures.film_views import moment
+from safe_inspect.figures.film import Film, moment
 from safe_inspect.figures.pictures import save_film
 from safe_inspect.geometry.picture import Camera
 

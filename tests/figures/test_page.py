@@ -12,7 +12,7 @@ from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.figures.drawing import speed_limit_of
-from safe_inspect.figures.film_views import moment
+from safe_inspect.figures.film import moment
 from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.policies import RandomThrust
 

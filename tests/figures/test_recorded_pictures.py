@@ -43,7 +43,7 @@ from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, Rand
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.poses import MODEL, Edge
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
-from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS
+from safe_inspect.rendezvous.recording.reader import TRUTH_COLUMNS
 
 from .artists import entries, summary
 

@@ -15,18 +15,29 @@ from safe_inspect.geometry.clusters import (
     Clusters,
     KMeansRule,
     RowDraws,
-    cluster,
+    cluster_candidates,
     cluster_sklearn,
     max_clusters,
-    start_centres,
 )
+from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.geometry.visibility import Surface
 
 # The lattice's equal distances would leave it to rounding which of two points is the farther, so it is shaken.
 POINTS = sphere_points("fibonacci", 100, 10.0) + np.random.default_rng(0).normal(0.0, 0.05, (100, 3))
 POINTS *= 10.0 / np.linalg.norm(POINTS, axis=1, keepdims=True)
 PER_CLUSTER = 10
 K = 10
+
+
+def cluster(points: np.ndarray, candidates: np.ndarray, clusters: Clusters, draws: RowDraws, rule: KMeansRule) -> None:
+    """Cluster given candidates: those that no deputy has inspected, in a light in which every point is lit."""
+    rows = len(candidates)
+    inspector = np.where(candidates, -1, 0).astype(np.int8)
+    position, sun = np.zeros((rows, 2, 3)), np.tile([1.0, 0.0, 0.0], (rows, 1))
+    cluster_candidates(
+        position, 1, (0, 1), sun, Surface(points, 10.0, full_light()), inspector, *clusters, draws, rule
+    )  # fmt: skip
 
 
 @dataclass
@@ -84,25 +95,18 @@ def some(seed: int, rows: int = 6) -> np.ndarray:
 
 def test_number_of_clusters() -> None:
     assert [max_clusters(p, 10) for p in (0, 1, 10, 11, 99, 100, 101)] == [0, 1, 1, 2, 10, 10, 11]
-    with pytest.raises(ValueError, match="points_per_cluster"):
-        max_clusters(100, 0)
 
 
-@pytest.mark.parametrize("method", [start_centres, cluster])
-def test_too_little_room_is_refused(method: Callable[..., None]) -> None:
+def test_too_little_room_is_refused() -> None:
     rows = Rows.fresh(np.ones((1, 100), dtype=bool))
-    centres, draws = rows.centres[:, :9].copy(), RowDraws(rows.key, rows.step)
-    rest: tuple[object, ...] = (rows.count, *draws, PER_CLUSTER)
-    if method is not start_centres:
-        rest = (draws, KMeansRule(PER_CLUSTER, 50))
-        centres = Clusters(centres, rows.count, rows.previous, rows.settled)
+    rows.centres = rows.centres[:, :9].copy()
     with pytest.raises(ValueError, match="centres"):
-        method(POINTS, rows.candidates, centres, *rest)
+        rows.run()
 
 
 def start(rows: Rows) -> Rows:
-    start_centres(POINTS, rows.candidates, rows.centres, rows.count, rows.key, rows.step, PER_CLUSTER)
-    return rows
+    """Set the number of centres and draw those that are missing, without moving them."""
+    return rows.run(iterations=0)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from safe_inspect.geometry import visibility
 from safe_inspect.geometry.light import Light, binary_light, full_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Surface, inspect_points, lit, visible
+from safe_inspect.geometry.visibility import Scores, Surface, inspect_body, lit
+
+from .sight import visible
 
 R = 10.0
 POINTS = sphere_points("cmu", 100, R)
@@ -42,7 +44,11 @@ def inspect(
     inspector = np.full((rows, P), -1, dtype=np.int8) if inspector is None else inspector.copy()
     credit = Credit(inspector, np.full(rows, -9), np.full((rows, count), -9))
     written = visibility.Credit(inspector, credit.team, credit.own)
-    inspect_points(viewer, sun, Surface(POINTS, R, light), cos_half_fov, active, written)
+    position = np.concatenate((viewer, np.zeros((rows, 1, 3))), axis=1)
+    scores = Scores(np.full((rows, P), 1.0 / P), np.zeros(rows), np.zeros((rows, count)))
+    inspect_body(position, count, sun, Surface(POINTS, R, light), cos_half_fov, active, written, scores)
+    np.testing.assert_allclose(scores.team, np.maximum(credit.team, 0) / P)
+    np.testing.assert_allclose(scores.own, np.maximum(credit.own, 0) / P)
     return credit
 
 

@@ -12,14 +12,10 @@ import pytest
 from safe_inspect.geometry.light import Light, binary_light, full_light, phong_light
 from safe_inspect.geometry.pointing import point_camera, shortest_arc
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import (
-    Credit,
-    Surface,
-    inspect_points,
-    lit,
-    lit_and_uninspected,
-    visible,
-)
+from safe_inspect.geometry.visibility import lit
+from safe_inspect.tasks.inspection.points_view import PointsModel
+
+from .sight import visible
 
 NO_COLOUR = (0.0, 0.0, 0.0)
 COLOUR = "must be three finite numbers of at least 0"
@@ -45,13 +41,6 @@ def test_the_constants_of_each_light() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"radius": 0.0}, "radius must be finite and positive [m], got 0.0"),
-        ({"radius": math.inf}, "radius must be finite and positive [m], got inf"),
-        ({"ray_offset": -0.5}, "ray_offset must be finite and not negative [m], got -0.5"),
-        ({"shininess": 0.0}, "shininess must be finite and positive, got 0.0"),
-        ({"shininess": math.inf}, "shininess must be finite and positive, got inf"),
-        ({"dark": -0.1}, "dark must lie in [0, 1], got -0.1"),
-        ({"bright": 1.1}, "bright must lie in [0, 1], got 1.1"),
         ({"light_ambient": (1.0, -1.0, 0.0)}, f"light_ambient {COLOUR}, got [1.0, -1.0, 0.0]"),
         ({"light_diffuse": (1.0,)}, f"light_diffuse {COLOUR}, got [1.0]"),
         ({"chief_specular": (0.0, math.inf, 0.0)}, f"chief_specular {COLOUR}, got [0.0, inf, 0.0]"),
@@ -63,39 +52,17 @@ def test_constants_out_of_their_range_are_refused(given: dict[str, Any], message
     assert str(refusal.value) == message
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (("spiral", 9, 1.0), "unknown points algorithm `spiral`; "),
-        (("cmu", 9.5, 1.0), "num_points must be a whole number, got 9.5"),
-        (("cmu", 0, 1.0), "num_points must be at least 1, got 0"),
-        (("fibonacci", 9, -1.0), "radius must be finite and positive [m], got -1.0"),
-        (("fibonacci", 9, math.nan), "radius must be finite and positive [m], got nan"),
-    ],
-)
-def test_points_that_cannot_be_spread_are_refused(given: Any, message: str) -> None:
-    with pytest.raises(ValueError) as refusal:  # noqa: PT011
-        sphere_points(*given)
-    assert str(refusal.value).startswith(message)
-
-
 #: The point at (3, 4, 0) of a sphere of 5 m, looked at and lit from far along x; light is right at a limit, or not.
 POINT, RADIUS = np.array([[3.0, 4.0, 0.0]]), 5.0
 
 
 def seen(viewer: tuple[float, float, float], cos_half_fov: float = -1.0, points: np.ndarray = POINT) -> bool:
-    """Return whether a viewer sees the point, after the same question was put to the kernel that inspects."""
+    """Return whether a viewer sees the point, in a binary light and in one in which the ambient light is enough."""
     radius = math.sqrt(float((points**2).sum()))
-    found = bool(visible(np.array([viewer]), points, radius, cos_half_fov)[0, 0])
-    for light in (full_light(), phong_light(radius, chief_ambient=(0.5, 0.0, 0.0))):
-        credit = Credit(np.full((1, 1), -1, np.int8), np.zeros(1, np.int64), np.zeros((1, 1), np.int64))
-        inspect_points(
-            np.array([[viewer]]), np.array([[0.0, 0.0, -1.0]]), Surface(points, radius, light), cos_half_fov,
-            np.ones((1, 1), np.bool_), credit,
-        )  # fmt: skip
-        assert credit.inspector.tolist() == [[0 if found else -1]]
-        assert credit.team_count.tolist() == credit.own_count[0].tolist() == [int(found)]
-    return found
+    found = visible(np.array([viewer]), points, radius, cos_half_fov)
+    light = phong_light(radius, chief_ambient=(0.5, 0.0, 0.0))
+    np.testing.assert_array_equal(visible(np.array([viewer]), points, radius, cos_half_fov, light), found)
+    return bool(found[0, 0])
 
 
 def test_a_point_at_the_horizon_is_seen() -> None:
@@ -155,8 +122,8 @@ def test_the_highlight_has_no_direction_at_the_point_and_opposite_to_the_sun() -
 def test_points_that_are_lit_and_have_no_inspector() -> None:
     points, sun = sphere_points("fibonacci", 40, RADIUS), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     inspector = np.random.default_rng(0).integers(-1, 2, (2, 40)).astype(np.int8)
-    light = binary_light(RADIUS)
-    found = lit_and_uninspected(np.zeros((2, 3)), sun, points, RADIUS, light, inspector)
+    model = PointsModel("chief", 1, points, RADIUS, binary_light(RADIUS))
+    found = model.candidates(np.zeros((2, 3)), sun, inspector)
     np.testing.assert_array_equal(found, (sun @ points.T > 0.0) & (inspector < 0))
     assert found.any(axis=1).all()
 

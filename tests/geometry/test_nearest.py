@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.geometry.nearest import direction_to_nearest
+from safe_inspect.geometry.clusters import direction_to_nearest
 
 
 def nearest_centre(position: np.ndarray, centres: np.ndarray, count: np.ndarray) -> np.ndarray:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.geometry.box_distance import BoxArrays, box_distance
-from safe_inspect.geometry.nearest import direction_to_nearest
+from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.geometry.neighbours import (
     nearest_positions,
     nearest_presence,
@@ -14,7 +13,7 @@ from safe_inspect.geometry.neighbours import (
     pair_distances,
     scan_deputies,
 )
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes, box_distance
 
 DEPUTIES, BODIES, PLACES = 6, 8, 7
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import visible
+
+from .sight import visible
 
 R = 10.0
 NO_LIMIT = -1.0

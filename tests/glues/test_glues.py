@@ -8,8 +8,12 @@ import pytest
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.glues import ControllerGlue, Normalization, ObserveSensor
-from safe_inspect.platforms import PositionSensor, RateController, SunAngleSensor, UninspectedPointsSensor
+from safe_inspect.glues.actions import ControllerGlue
+from safe_inspect.glues.normalizers import Normalization
+from safe_inspect.glues.observations import ObserveSensor
+from safe_inspect.platforms.controllers import RateController
+from safe_inspect.platforms.point_sensors import UninspectedPointsSensor
+from safe_inspect.platforms.state_sensors import PositionSensor, SunAngleSensor
 
 PARTS = {part.part_name: part for part in (PositionSensor(), SunAngleSensor(), UninspectedPointsSensor())}
 GLUES = "agent_config.0.config.config.glues"

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from safe_inspect.glues import LinearNormalizer, Normalization, StandardNormalNormalizer
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, StandardNormalNormalizer
 from safe_inspect.plugins.functor import errors_of
 
 NONE = np.array([-np.inf]), np.array([np.inf])

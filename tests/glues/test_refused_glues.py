@@ -9,21 +9,22 @@ from pydantic import ValidationError
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
-from safe_inspect.glues import CoastGlue, DiscreteControllerGlue, DotProductGlue
+from safe_inspect.glues.actions import CoastGlue, DiscreteControllerGlue
+from safe_inspect.glues.attitude import DotProductGlue
 
 
 @pytest.mark.parametrize(
     ("glue", "fields", "message"),
     [
         (CoastGlue, {"durations": ()}, "`durations` is empty; give one or more numbers"),
-        (CoastGlue, {"durations": (0, 1)}, "a duration must be at least 1 control step, not 0"),
+        (CoastGlue, {"durations": (0, 1)}, "greater than or equal to 1"),
         (CoastGlue, {"durations": (1, 4, 4)}, r"`durations` \[1, 4, 4\] must be in ascending order"),
         (CoastGlue, {"durations": (4, 1)}, r"`durations` \[4, 1\] must be in ascending order"),
         (DiscreteControllerGlue, {"levels": (1.0, 0.0)}, r"`levels` \[1.0, 0.0\] must be in ascending order"),
         (DiscreteControllerGlue, {"levels": (0.0, 0.0)}, r"`levels` \[0.0, 0.0\] must be in ascending order"),
         (DiscreteControllerGlue, {"levels": (0.0,)}, "at least 2 items"),
         (DotProductGlue, {"wrapped": [{"functor": "ObserveSensor", "config": {"sensor": "Sensor_Position"}}]},
-         "`wrapped` must be two glues, not 1"),
+         "Field required"),
     ],
 )  # fmt: skip
 def test_fields_that_do_not_fit(glue, fields, message):

@@ -66,9 +66,9 @@ def test_a_mission_gives_the_recorded_figures(mission):
 
 
 def test_a_single_bit_is_noticed(monkeypatch):
-    from safe_inspect.simulators import simulation
+    from safe_inspect.simulators import simulator
 
-    advance_kernel = simulation.advance_kernel
+    advance_kernel = simulator.advance_kernel
 
     def disturbed_kernel(*args, **named):
         advance = advance_kernel(*args, **named)
@@ -79,6 +79,6 @@ def test_a_single_bit_is_noticed(monkeypatch):
 
         return disturbed
 
-    monkeypatch.setattr(simulation, "advance_kernel", disturbed_kernel)
+    monkeypatch.setattr(simulator, "advance_kernel", disturbed_kernel)
     hashes, _ = fly("one, continuous thrust", compiled=True)
     assert hashes["state/position"] != RECORD["flights"]["one, continuous thrust"]["hashes"]["state/position"]

@@ -20,8 +20,8 @@ from safe_inspect.compiling.kernel import Kernel
 def test_kernels_are_compiled_at_the_first_call_and_call_each_other() -> None:
     import numpy as np
 
-    from safe_inspect.dynamics.propagation import propagate
-    from safe_inspect.simulators.rows import copy_rows
+    from safe_inspect.dynamics.cwh import propagate
+    from safe_inspect.simulators.state import copy_rows
 
     for kernel in (propagate, copy_rows):
         assert isinstance(kernel, Kernel)

@@ -9,10 +9,18 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from safe_inspect.random.action_draws import Categorical, DrawRows, Gaussian, Greedy, SquashedGaussian, draw_in_rollout
-from safe_inspect.random.balls import draw_in_ball, uniform_at
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices, log_logistic
-from safe_inspect.random.splitmix import mix, next_uniform, pick_below
+from safe_inspect.random.action_draws import (
+    Categorical,
+    DrawRows,
+    Gaussian,
+    Greedy,
+    Hurdle,
+    SquashedGaussian,
+    draw_choices,
+    draw_in_rollout,
+    log_logistic,
+)
+from safe_inspect.random.splitmix import draw_in_ball, mix, next_uniform, pick_below, uniform_at
 
 WORD, WORDS = 2**32, 2**64
 WEYL = 0x9E3779B97F4A7C15

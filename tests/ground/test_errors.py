@@ -18,7 +18,7 @@ def test_location_says_file_and_line() -> None:
         (Problem("it is wrong", hint="fix it"), "it is wrong; fix it"),
         (Problem("it is wrong", "rewards[0].config.scael"), "rewards[0].config.scael: it is wrong"),
         (
-            Problem("it is wrong", "rewards[0]", Location("agent.yml", 7, 3), "fix it"),
+            Problem("it is wrong", "rewards[0]", Location("agent.yml", 7), "fix it"),
             "agent.yml:7 rewards[0]: it is wrong; fix it",
         ),
         (Problem("it is wrong", location=Location("agent.yml", 7)), "agent.yml:7: it is wrong"),

@@ -7,11 +7,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.glues import ControllerGlue
+from safe_inspect.glues.actions import ControllerGlue
 from safe_inspect.plugins.functor import build, describe, errors_of, functor_field, name_key
-from safe_inspect.rewards import ObservedPointsReward, Reward
+from safe_inspect.rewards import Reward
+from safe_inspect.rewards.inspection import ObservedPointsReward
 from safe_inspect.rta import RTAGlueCWHInspection1v1
-from safe_inspect.simulators import CWH3DRadialWithSunInitializer, UniformParameter
+from safe_inspect.simulators.resets.initializers import CWH3DRadialWithSunInitializer
+from safe_inspect.simulators.resets.parameters import UniformParameter
 
 
 def mistakes(kind: str, value: Any) -> dict[tuple[Any, ...], str]:
@@ -36,7 +38,7 @@ def test_a_mapping_a_name_and_a_plugin_build_the_same() -> None:
     assert build("reward", {"functor": "ObservedPointsReward"}) == plugin
     assert build("reward", {"functor": "ObservedPointsReward", "name": "label", "config": None}) == plugin
     assert build("reward", "ObservedPointsReward") == plugin
-    assert build("reward", "safe_inspect.rewards.ObservedPointsReward") == plugin
+    assert build("reward", "safe_inspect.rewards.inspection.ObservedPointsReward") == plugin
     assert build("reward", plugin) is plugin
 
 
@@ -52,6 +54,13 @@ def test_a_mapping_a_name_and_a_plugin_build_the_same() -> None:
 )
 def test_the_key_of_the_name_is_that_of_the_grammar(kind: str, key: str) -> None:
     assert name_key(kind) == key
+    assert name_key(kind, ("functor",)) == "functor"
+    assert name_key(kind, ("functor", key)) == key
+
+
+def test_a_name_may_have_the_key_functor_in_every_kind() -> None:
+    expected = build("parameter", {"type": "ConstantParameter", "config": {"value": 2.0}})
+    assert build("parameter", {"functor": "ConstantParameter", "config": {"value": 2.0}}) == expected
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.compiling import generated, njit
-from safe_inspect.compiling.generated import generate
+from safe_inspect.compiling import kernel, njit
+from safe_inspect.compiling.kernel import generate
 
 SOURCE = "def doubled(x):\n    return 2.0 * inner(x)\n"
 
@@ -30,10 +30,10 @@ def two(x: float) -> float:
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Let generated files go into a folder of the test's own."""
-    monkeypatch.setattr(generated, "installed_folder", lambda digest: tmp_path / "installed")
-    monkeypatch.setattr(generated, "machine_code_folder", lambda digest: tmp_path / "chosen")
-    monkeypatch.setattr(generated.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
-    monkeypatch.setattr(generated, "_functions", {})
+    monkeypatch.setattr(kernel, "installed_folder", lambda digest: tmp_path / "installed")
+    monkeypatch.setattr(kernel, "machine_code_folder", lambda digest, given="": tmp_path / "chosen")
+    monkeypatch.setattr(kernel.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
+    monkeypatch.setattr(kernel, "_functions", {})
     return tmp_path
 
 
@@ -62,10 +62,10 @@ def test_the_file_holds_the_source_where_it_can_be_written(folder: Path) -> None
     assert path.name.startswith("doubled_")
     assert len(path.stem) == len("doubled_") + 24
     assert made.__wrapped__.__code__.co_filename == str(path)
-    assert sys.modules[f"safe_inspect.compiling.generated.{path.stem}"].doubled is made.__wrapped__
+    assert sys.modules[f"safe_inspect.compiling.kernel.{path.stem}"].doubled is made.__wrapped__
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     before = path.stat().st_mtime_ns
-    generated._functions.clear()
+    kernel._functions.clear()
     generate("doubled", SOURCE, {"inner": one})
     assert path.stat().st_mtime_ns == before  # it is not written again
 
@@ -80,7 +80,7 @@ def test_another_folder_is_taken_where_one_cannot_be_written(folder: Path, block
 
 
 def test_where_no_folder_can_be_written_the_folders_are_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generated, "machine_code_folder", lambda digest: None)
+    monkeypatch.setattr(kernel, "machine_code_folder", lambda digest, given="": None)
     for name in ("installed", "temporary"):
         (folder / name).write_text("")
     with pytest.raises(OSError, match="can be written") as caught:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.random.action_draws import Categorical, DrawRows, Gaussian
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.random.action_draws import Categorical, DrawRows, Gaussian, Hurdle, draw_choices
 
 ROWS = 20_000
 

@@ -5,10 +5,11 @@ from typing import ClassVar
 import pytest
 from pydantic import Field, ValidationError
 
-from safe_inspect.glues import ObserveSensor
+from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.plugins import DoneName, EntityName, Plugin, SensorName
 from safe_inspect.plugins.registry import registry
-from safe_inspect.rewards import ObservedPointsReward, Reward
+from safe_inspect.rewards import Reward
+from safe_inspect.rewards.inspection import ObservedPointsReward
 
 pytestmark = pytest.mark.usefixtures("clean_registry")
 

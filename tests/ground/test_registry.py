@@ -12,9 +12,9 @@ import pytest
 from safe_inspect.errors import RegistryError
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins import registry as module
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.registry import ENTRY_POINT_GROUP, Registry, registry
-from safe_inspect.rewards import ObservedPointsReward, Reward
+from safe_inspect.rewards import Reward
+from safe_inspect.rewards.inspection import ObservedPointsReward
 
 pytestmark = pytest.mark.usefixtures("clean_registry")
 
@@ -90,8 +90,8 @@ def test_one_name_may_mean_two_kinds() -> None:
         ("reward", "ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "observedpointsreward", "did you mean `ObservedPointsReward`?"),
         ("reward", "CrashDoneFunction", "'CrashDoneFunction' is a done; expected a reward here"),
-        ("done", "safe_inspect.rewards.ObservedPointsReward", "is a reward; expected a done here"),
-        ("reward", "safe_inspect.rewards.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
+        ("done", "safe_inspect.rewards.inspection.ObservedPointsReward", "is a reward; expected a done here"),
+        ("reward", "safe_inspect.rewards.inspection.ObservedPointReward", "did you mean `ObservedPointsReward`?"),
         ("reward", "safe_inspect.reward.ObservedPointsReward", "no module 'safe_inspect.reward'"),
         ("reward", "no_such_package.plugins.MyReward", "no module 'no_such_package.plugins'"),
         ("reward", "no_such_package.plugins.MyReward", "add the folder that contains 'no_such_package' to PYTHONPATH"),
@@ -105,16 +105,6 @@ def test_one_name_may_mean_two_kinds() -> None:
 def test_what_is_not_found(kind: str, name: str, text: str) -> None:
     with pytest.raises(RegistryError, match=text):
         registry.get(kind, name)
-
-
-def test_every_alias_finds_what_the_own_name_finds() -> None:
-    found = 0
-    for alias, name in ALIASES.items():
-        for kind in registry.kinds():
-            if name in dict(registry.items(kind)):
-                assert registry.get(kind, alias) is registry.get(kind, name)
-                found += 1
-    assert found >= 15
 
 
 def write_module(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str) -> None:

@@ -69,8 +69,7 @@ def plan(seed: int, burns: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def evaluated(given: BurnProblem, seed: int, stride: int = 1, cutoff: float = math.inf) -> PlanOutcome:
     state, start, delta_v = plan(seed)
-    left, lack = np.empty(POINTS, np.int64), np.empty(POINTS)
-    return PlanOutcome(*evaluate_plan(given, state, start, delta_v, stride, left, lack, cutoff))
+    return PlanOutcome(*evaluate_plan(given, state, start, delta_v, stride, cutoff))
 
 
 def states_of(state: np.ndarray, start: np.ndarray, delta_v: np.ndarray, reach: np.ndarray) -> np.ndarray:

@@ -27,16 +27,17 @@ from safe_inspect.planning.coverage_problem import (
     resample_sightings,
     write_positions,
 )
-from safe_inspect.planning.coverage_search import SearchEffort, search_plan
-from safe_inspect.planning.descent import (
+from safe_inspect.planning.coverage_search import (
     MAX_BURNS,
+    SearchEffort,
     burns_of,
     choose_sightings,
     descent_workspace,
     least_fuel,
+    search_plan,
 )
 from safe_inspect.planning.linear_program import _invert
-from safe_inspect.tasks.inspection.points_model import PointsModel
+from safe_inspect.tasks.inspection.points_view import PointsModel
 
 from ..golden.records import check_record
 

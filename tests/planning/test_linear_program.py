@@ -12,7 +12,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.optimiser import coverage_problem, coverage_task
 from safe_inspect.planning.coverage_problem import CoverageProblem
-from safe_inspect.planning.descent import burns_of
+from safe_inspect.planning.coverage_search import burns_of
 from safe_inspect.planning.linear_program import LinearProgram, linear_program, set_row, solve
 from safe_inspect.types import FloatArray, IntArray
 

@@ -11,7 +11,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.platforms import CoastingInspectionSensor
+from safe_inspect.platforms.outlook_sensors import CoastingInspectionSensor
 from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation
 

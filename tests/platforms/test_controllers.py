@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from safe_inspect.platforms import CWHPlatform, RateController
+from safe_inspect.platforms.controllers import RateController
+from safe_inspect.platforms.cwh import CWHPlatform
 from safe_inspect.plugins.functor import build, errors_of
 
 

@@ -9,16 +9,17 @@ from hypothesis import strategies as st
 
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.glues import LinearNormalizer, Normalization, ObserveSensor, StandardNormalNormalizer
-from safe_inspect.platforms import (
+from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, StandardNormalNormalizer
+from safe_inspect.glues.observations import ObserveSensor
+from safe_inspect.platforms import Sensor
+from safe_inspect.platforms.neighbour_sensors import (
     ClosestApproachPositionSensor,
     DeputyScanSensor,
     NearestDeputiesPositionSensor,
     NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
-    PositionSensor,
-    Sensor,
 )
+from safe_inspect.platforms.state_sensors import PositionSensor
 from safe_inspect.simulators.offers import Offers
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.view import Group, View

@@ -12,13 +12,8 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.platforms import (
-    CoastingRangeSensor,
-    CoastingTimeToLimitsSensor,
-    TimeLeftSensor,
-    UninspectedPointsMapSensor,
-    UninspectedPointsMomentsSensor,
-)
+from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, CoastingTimeToLimitsSensor, TimeLeftSensor
+from safe_inspect.platforms.point_sensors import UninspectedPointsMapSensor, UninspectedPointsMomentsSensor
 from safe_inspect.tasks.inspection.uninspected_moments import turn_moments
 
 N = 0.001027

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.platforms import SunAngleSensor
+from safe_inspect.platforms.state_sensors import SunAngleSensor
 
 STILL = np.zeros((1, 1, 3))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.evaluation.baselines import baseline_table
-from safe_inspect.experiments.export.model_card import CardData, model_card
+from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.planning.record import read_record
 
 from .figures import bootstrap_bounds, cells, iqm, wilson

@@ -22,7 +22,7 @@ def query() -> PlanQuery:
         angular_velocity=np.deg2rad(5.0) * rate / np.linalg.norm(rate),
         inertia=np.array([0.1314, 0.9661, 1.0]),
         mating_point=np.array([0.25, 0.0, 0.42]),
-        boxes=OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), 0.1), np.eye(3)[None]),
+        solid=OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), 0.1), np.eye(3)[None]),
         R_MT=np.eye(3),
     )
 

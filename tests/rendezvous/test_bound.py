@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import conformal_bound
-from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, Updates, sample_errors
+from safe_inspect.rendezvous.control.bound import BoundQuery, ErrorSamples, conformal_bound, sample_errors
 from safe_inspect.rendezvous.estimate import EstimateErrors
 
 from .conftest import unobstructed_plan
@@ -24,29 +23,29 @@ def streams(count: int, seed: int = 0) -> Streams:
 
 @pytest.fixture
 def bound_query(plan) -> BoundQuery:
-    return BoundQuery(plan, INERTIA, ERRORS, Updates(2.0, 0.3))
+    return BoundQuery(plan, INERTIA, ERRORS, 2.0, 0.3)
 
 
 @pytest.fixture(scope="module")
 def many(query) -> ErrorSamples:
     """A thousand trials, of a plan with one sample a second."""
     plan = unobstructed_plan(dataclasses.replace(query, step=1.0))
-    return sample_errors(BoundQuery(plan, INERTIA, ERRORS, Updates(5.0)), streams(1000, 7))
+    return sample_errors(BoundQuery(plan, INERTIA, ERRORS, 5.0), streams(1000, 7))
 
 
-@pytest.mark.parametrize("updates", [None, Updates(1.0), Updates(5.0, 0.9)])
+@pytest.mark.parametrize("updates", [(None,), (1.0,), (5.0, 0.9)])
 def test_without_errors_the_bound_is_zero(plan, updates):
-    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0), updates), streams(20))
+    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0), *updates), streams(20))
     bound = conformal_bound(samples, 0.2, 10)
     for values in (bound.position, bound.velocity, bound.force):
         assert not values.any()
 
 
-@pytest.mark.parametrize("updates", [None, Updates(2.0, 0.5)])
+@pytest.mark.parametrize("updates", [(None,), (2.0, 0.5)])
 def test_small_errors_act_linearly(plan, updates):
     def bound(factor: float):
         errors = EstimateErrors(*(1e-5 * factor * np.array(dataclasses.astuple(ERRORS))))
-        return conformal_bound(sample_errors(BoundQuery(plan, INERTIA, errors, updates), streams(60)), 0.1, 20)
+        return conformal_bound(sample_errors(BoundQuery(plan, INERTIA, errors, *updates), streams(60)), 0.1, 20)
 
     one, two = bound(1.0), bound(2.0)
     for a, b in ((one.position, two.position), (one.velocity, two.velocity), (one.force, two.force)):
@@ -56,14 +55,14 @@ def test_small_errors_act_linearly(plan, updates):
 def test_rarer_updates_make_larger_bounds(plan):
     """Compared by the root mean square error late in the approach: bounds by themselves scatter."""
     late = []
-    for updates in (Updates(1.0), Updates(5.0), Updates(20.0), None):
-        samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 1e-3), updates), streams(100))
+    for period in (1.0, 5.0, 20.0, None):
+        samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.0, 1e-3), period), streams(100))
         late.append(np.sqrt((samples.position[:, 150:] ** 2).mean()))
     assert np.all(np.diff(late) > 0.0)
 
 
 def test_an_error_of_attitude_moves_the_reference_by_at_most_its_angle_times_the_distance(plan):
-    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.01, 0.0), Updates(0.2)), streams(200))
+    samples = sample_errors(BoundQuery(plan, INERTIA, EstimateErrors(0.01, 0.0), 0.2), streams(200))
     radius = np.linalg.norm(plan.position_target, axis=1)
     drawn = 0.01 * streams(200).normal("bound.attitude", 3 * len(plan.times)).reshape(200, -1, 3)
     ratio = np.linalg.norm(samples.position, axis=2) / (np.linalg.norm(drawn, axis=2) * radius)
@@ -84,7 +83,7 @@ def test_errors_of_centre_and_navigation_shift_the_reference(plan):
 
 
 def test_successive_errors_are_correlated(plan):
-    query = BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0, centre=1.0), Updates(1.0, 0.8))
+    query = BoundQuery(plan, INERTIA, EstimateErrors(0.0, 0.0, centre=1.0), 1.0, 0.8)
     errors = sample_errors(query, streams(400)).position[:, ::5]
     assert errors.std() == pytest.approx(1.0, abs=0.03)
     assert (errors[:, 1:] * errors[:, :-1]).mean() == pytest.approx(0.8, abs=0.05)

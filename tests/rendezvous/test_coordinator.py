@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.rendezvous.coordination import guards
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rendezvous.coordination.coordinator import FINAL, TABLE, Coordinator, TableRow
+from safe_inspect.rendezvous.coordination.pilot import FINAL, TABLE, Coordinator, TableRow
 
 #: States of a chaser that leaves the target.
 _LEAVING = {Phase.RETREAT, Phase.DEPART}

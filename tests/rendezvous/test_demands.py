@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import Bound, conformal_bound
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance
-from safe_inspect.rendezvous.control.gains import natural_gain
-from safe_inspect.rendezvous.control.tracked import TrackingLimits
-from safe_inspect.rendezvous.control.trials import BoundQuery, Updates, sample_errors
-from safe_inspect.rendezvous.control.tube import Axis
-from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.control.bound import Bound, BoundQuery, conformal_bound, sample_errors
+from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance, natural_gain
+from safe_inspect.rendezvous.control.tube import Axis, TrackingLimits
+from safe_inspect.rendezvous.coordination.context import PlanDemands
 from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.planner.query import Limits
 
@@ -26,8 +23,8 @@ TIMES = np.linspace(0.0, 60.0, 31)
 def request_(plan, query) -> DesignRequest:
     streams = Streams(3, np.arange(120), np.zeros(120, dtype=np.int64))
     errors = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07))
-    bound: Bound = conformal_bound(sample_errors(BoundQuery(plan, query.inertia, errors, Updates(1.0)), streams))
-    limits = TrackingLimits(keep_in=(2.0, 3.0, 2.0))
+    bound: Bound = conformal_bound(sample_errors(BoundQuery(plan, query.inertia, errors), streams))
+    limits = TrackingLimits(keep_in=np.array([2.0, 3.0, 2.0]))
     return DesignRequest(plan, bound, np.full(len(plan.times), np.inf), AXIS, limits, 3e-3, 5)
 
 

@@ -13,7 +13,9 @@ _KEEP_IN = np.array([0.8, 3.0, 0.8])
 def test_in_free_space_it_leads_straight_away() -> None:
     np.testing.assert_allclose(departure_velocity(np.array([0.0, -1.5, 0.0]), 0.02, 60.0, _KEEP_IN), [0, -0.02, 0])
     position = np.array([0.3, -1.2, 0.4])
-    np.testing.assert_allclose(departure_velocity(position, 0.02, 60.0), 0.02 * position / np.linalg.norm(position))
+    np.testing.assert_allclose(
+        departure_velocity(position, 0.02, 60.0, np.full(3, np.inf)), 0.02 * position / np.linalg.norm(position)
+    )
 
 
 def test_it_stays_in_the_keep_in_box_where_that_opens_the_range() -> None:

@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.control.bound import Bound, conformal_bound
+from safe_inspect.rendezvous.control.bound import (
+    Bound,
+    BoundQuery,
+    ErrorSamples,
+    conformal_bound,
+    sample_errors,
+)
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
-from safe_inspect.rendezvous.control.trials import BoundQuery, ErrorSamples, Updates, sample_errors
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import EstimateErrors
 
 AXIS = Axis(9.583788668)
-LIMITS = TrackingLimits(keep_in=(2.0, 3.0, 2.0))
+LIMITS = TrackingLimits(keep_in=np.array([2.0, 3.0, 2.0]))
 RESERVE = 0.03
 ERRORS = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07))
 
@@ -25,7 +29,7 @@ ERRORS = EstimateErrors(np.deg2rad(0.7), np.deg2rad(0.07))
 @pytest.fixture(scope="module")
 def samples(plan, query) -> ErrorSamples:
     streams = Streams(3, np.arange(320), np.zeros(320, dtype=np.int64))
-    return sample_errors(BoundQuery(plan, query.inertia, ERRORS, Updates(1.0)), streams)
+    return sample_errors(BoundQuery(plan, query.inertia, ERRORS), streams)
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +95,10 @@ def test_too_large_errors_are_refused_with_remedies(plan, bound):
 
 
 def test_a_tube_outside_of_the_box_is_refused(plan, bound):
-    limits = TrackingLimits(keep_in=(*np.abs(plan.position).max(axis=0)[:2], 3.0))
+    limits = TrackingLimits(keep_in=np.array([*np.abs(plan.position).max(axis=0)[:2], 3.0]))
     assert "smaller by" in designed(plan, bound, limits).refusal
 
 
 def test_a_tube_above_the_speed_limit_is_refused(plan, bound):
-    limits = TrackingLimits(speed=float(np.abs(plan.velocity).max()), keep_in=None)
+    limits = TrackingLimits(speed=float(np.abs(plan.velocity).max()), keep_in=np.full(3, np.inf))
     assert "lower speed" in designed(plan, bound, limits).refusal

@@ -40,7 +40,7 @@ def test_an_escape_from_the_mating_point_is_clear_and_ends_at_rest_outside(seed:
     times = np.linspace(escape.times[0], escape.times[-1], 4001)
     position, velocity = escape.at(times)
     q, _ = estimate.predict(times)
-    distance = _TARGET.boxes.distance(rotate(conjugate(q), position) @ _TARGET.R_MT.T)
+    distance = _TARGET.solid.distance(rotate(conjugate(q), position) @ _TARGET.R_MT.T)
     assert distance.min() >= _LIMITS.radius + 0.02 - 1e-6
     assert np.linalg.norm(position[-1]) == pytest.approx(safe_radius(_TARGET, _LIMITS))
     np.testing.assert_allclose(velocity[-1], 0.0, atol=1e-12)

@@ -3,14 +3,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.errors import ConfigError, MissingLibraryError
+from safe_inspect.errors import ConfigError, InitialStateError, MissingLibraryError
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous, read_target
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.missions.scenario import check_scenario
+from safe_inspect.rendezvous.missions.scenario import check_scenario, initial_tumbles, mission_streams
 
 SHIPPED = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 
@@ -81,7 +82,6 @@ def test_overrides_are_checked() -> None:
         ),
         (["sensors.imu_ticks=26"], "sensors.imu_ticks", "more than the 25 ticks of a control step"),
         (["chaser.position=[0 m, -3.5 m, 0 m]"], "chaser.position", "the start is outside of the keep-in box"),
-        (["tumble.config.attitude=[1, 1, 1, 1]"], "tumble.config.attitude", "not a unit quaternion .* its length is 2"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_when_the_file_is_checked(overrides, where, message) -> None:
@@ -164,6 +164,27 @@ def test_tumbles_of_many_missions_are_drawn() -> None:
     random = "tumble={functor: RandomTumble, config: {least_rate: 2 deg/s, largest_rate: 40 deg/s}}"
     (doubt,) = _doubts("estimator=MeasuredState", random, missions=20)
     assert re.search(r"following the mating point in \d+ of 20 missions, such as \d+, takes", doubt)
+
+
+@pytest.mark.parametrize("key", ["functor", "type"])
+def test_a_tumble_is_any_parameter_with_an_attitude_and_a_rate(key: str) -> None:
+    config = load_rendezvous(SHIPPED, [f"tumble={{{key}: TumbleParameter}}"]).config
+    attitudes, rates = initial_tumbles(config, mission_streams(config, 0, 1, 2))
+    np.testing.assert_allclose(np.linalg.norm(attitudes, axis=1), 1.0)
+    assert (
+        (np.deg2rad(1.0) <= np.linalg.norm(rates, axis=1)) & (np.linalg.norm(rates, axis=1) <= np.deg2rad(5.0))
+    ).all()
+    other = load_rendezvous(SHIPPED, [f"tumble={{{key}: ConstantParameter}}"])
+    with pytest.raises(InitialStateError, match="`tumble` gives no attitude and angular velocity; use TumbleParameter"):
+        check_scenario(other)
+
+
+def test_the_tumble_of_a_mission_is_the_same_alone() -> None:
+    config = load_rendezvous(SHIPPED, ["tumble={functor: RandomTumble}"]).config
+    together = initial_tumbles(config, mission_streams(config, 0, 1, 2))
+    for number in range(3):
+        for values, (value,) in zip(together, initial_tumbles(config, mission_streams(config, number)), strict=True):
+            np.testing.assert_array_equal(values[number], value)
 
 
 def test_a_file_that_a_plugin_reads_is_found_next_to_the_file_that_names_it(tmp_path: Path, monkeypatch) -> None:

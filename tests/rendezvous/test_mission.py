@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.control.tracked import TrackedReference
 from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput
-from safe_inspect.rendezvous.coordination import reference
+from safe_inspect.rendezvous.control.tube import TrackedReference
+from safe_inspect.rendezvous.coordination import actions
 from safe_inspect.rendezvous.coordination.context import Phase, clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
@@ -179,7 +179,7 @@ def test_a_reference_beyond_the_limits_leads_to_a_new_plan_on_the_way_or_to_a_re
         asked.append(k)
         return "beyond a limit" if 95 <= k <= 104 and len([j for j in asked if j >= 95]) <= 2 else ""
 
-    monkeypatch.setattr(reference, "reference_problem", problem)
+    monkeypatch.setattr(actions, "reference_problem", problem)
     fault = [] if finds_a_plan else ["mission.faults=[{kind: planner, start: 10 s, duration: 100 s}]"]
     result = Mission(_load("mission.wait_limit=0 s", *fault).config, 2).run()
     phases = _phases(result)

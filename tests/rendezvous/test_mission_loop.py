@@ -14,11 +14,11 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.pointing import R_BC
-from safe_inspect.rendezvous.coordination.coordinator import Phase
+from safe_inspect.rendezvous.coordination.pilot import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.missions import mission as module
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.record import MissionLog, json_value
+from safe_inspect.rendezvous.missions.record import MissionLog, json_text
 
 from .test_experiment import SHIPPED
 
@@ -208,7 +208,7 @@ def test_a_log_is_written_as_it_was_kept(tmp_path: Path) -> None:
         with np.load(tmp_path / f"plan_{index}.npz") as arrays:
             assert {name: float(arrays[name]) for name in arrays.files} == vars(plan)
     assert json.loads((tmp_path / "summary.json").read_text()) == {"clearance": None, "name": "some", "done": True}
-    assert json_value((1, [np.int64(2)], {"a": -np.inf})) == [1, [2], {"a": None}]
+    assert json_text((1, [np.int64(2)], {"a": -np.inf})) == '[1,[2],{"a":null}]'
 
 
 def test_a_mission_begins_where_its_file_says_with_the_camera_on_the_target() -> None:

@@ -7,9 +7,8 @@ import pytest
 
 from safe_inspect.rendezvous.control.bound import Bound
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_tube
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.control.tube import Axis
-from safe_inspect.rendezvous.coordination.reference import reference_problem
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.coordination.actions import reference_problem
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +21,7 @@ def bound(plan) -> Bound:
 def design(plan, bound) -> TubeDesign:
     far = np.full(len(plan.times), np.inf)
     design = design_tube(
-        DesignRequest(plan, bound, far, Axis(9.583788668), TrackingLimits(keep_in=(2.0, 3.0, 2.0)), 3e-3)
+        DesignRequest(plan, bound, far, Axis(9.583788668), TrackingLimits(keep_in=np.array([2.0, 3.0, 2.0])), 3e-3)
     )
     assert design.accepted
     return design

@@ -10,21 +10,22 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.dynamics.cwh import system_matrices, transition
+from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
-from safe_inspect.rendezvous.control.tracked import TrackedReference
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
-from safe_inspect.rendezvous.control.tube import Axis
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference
+from safe_inspect.rendezvous.coordination.actions import tide_of
 from safe_inspect.rendezvous.coordination.pilot import limits_of
-from safe_inspect.rendezvous.coordination.reference import tide_of
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.missions.truth import ChaserFlight
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
+
+from ..reference.hill import system_matrices
 
 FILE: Path = configs_root() / "tumbling-rendezvous" / "experiment-orbit.yml"
 CONFIG = load_rendezvous(FILE).config
@@ -41,7 +42,7 @@ def _query(seed: int, **changes: object) -> PlanQuery:
         angular_velocity=np.deg2rad(1.6) * rate / np.linalg.norm(rate),
         inertia=target.principal,
         mating_point=target.mating_point,
-        boxes=target.boxes,
+        solid=target.solid,
         R_MT=target.R_MT,
         limits=limits_of(CONFIG.chaser, CONFIG.mission.length),
         margin=lambda times: np.full(times.shape, 1.6),
@@ -91,7 +92,7 @@ def test_a_plan_keeps_limits_and_clearance_at_full_scale(plan: Plan) -> None:
     assert (np.abs(plan.force) <= limits.planned_force + 1e-6).all()
     assert (np.abs(plan.velocity) <= limits.speed + 1e-6).all()
     in_target = rotate(conjugate(plan.orientation), plan.position)
-    spare = query.boxes.distance(in_target @ query.R_MT.T) - limits.radius - 1.6
+    spare = query.solid.distance(in_target @ query.R_MT.T) - limits.radius - 1.6
     assert spare.min() >= -0.2
     np.testing.assert_allclose(CONFIG.chaser.mass * (plan.acceleration - plan.tide), plan.force, rtol=1e-12)
 
@@ -103,8 +104,8 @@ def test_a_scenario_of_any_size_is_planned_as_in_a_room() -> None:
         mean_motion=0.0,
         length=1.0,
         state=np.array([0.0, -1.5, 0.0, 0.0, 0.0, 0.0]),
-        boxes=OrientedBoxes(*(part / 20.0 for part in (_query(0).boxes.centre, _query(0).boxes.half_size)),
-                            _query(0).boxes.rotation),
+        solid=OrientedBoxes(*(part / 20.0 for part in (_query(0).solid.centre, _query(0).solid.half_size)),
+                            _query(0).solid.rotation),
         angular_velocity=np.deg2rad(5.0) * np.array([0.2, 0.4, 0.9]),
         mating_point=np.array([0.25, 0.0, 0.42]),
         margin=lambda times: np.full(times.shape, 0.08),
@@ -117,7 +118,7 @@ def test_a_scenario_of_any_size_is_planned_as_in_a_room() -> None:
     large = replace(
         room,
         state=length * room.state,
-        boxes=OrientedBoxes(length * room.boxes.centre, length * room.boxes.half_size, room.boxes.rotation),
+        solid=OrientedBoxes(length * room.solid.centre, length * room.solid.half_size, room.solid.rotation),
         angular_velocity=room.angular_velocity / time,
         mating_point=length * room.mating_point,
         margin=lambda times: np.full(times.shape, 0.08 * length),

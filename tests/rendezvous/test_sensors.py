@@ -7,7 +7,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthFrame, DepthRenderer, TimeOfFlightCamera
-from safe_inspect.rendezvous.target.boxes import _mesh_of_boxes, aligned_boxes
+from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.model import TriangleMesh
 
 _CAMERA = TimeOfFlightCamera().geometry
@@ -23,7 +23,7 @@ def _frame(mesh: TriangleMesh, profile: str, distance: float = 1.5, seed: int = 
 
 
 def _box(half: float = 0.4) -> TriangleMesh:
-    return _mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
+    return mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
 
 
 def test_the_field_of_view_is_that_of_the_camera() -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +16,14 @@ from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.target.boxes import (
     EnvisatTarget,
     _inertia_of_boxes,
-    _mesh_of_boxes,
     aligned_boxes,
+    mesh_of_boxes,
 )
-from safe_inspect.rendezvous.target.mesh import MeshTarget, _covering_boxes, _read_mesh
-from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES
-from safe_inspect.tasks.rendezvous.shape import boxes_in_model
+from safe_inspect.rendezvous.target.mesh import MeshTarget, _read_mesh
+from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.rendezvous.target.solid import MeshSolid
+from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, boxes_in_model
 
 
 def test_envisat_has_the_published_principal_moments_and_tilt() -> None:
@@ -79,7 +82,7 @@ def test_an_impossible_inertia_is_refused(inertia: np.ndarray, words: str) -> No
 
 def test_faces_of_boxes_look_outwards_and_close_a_volume() -> None:
     boxes = boxes_in_model(ENVISAT_BOXES)
-    mesh = _mesh_of_boxes(boxes)
+    mesh = mesh_of_boxes(boxes)
     corners = mesh.corners
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     volume = np.einsum("fi,fi->", corners.mean(axis=1), normal) / 6.0
@@ -95,29 +98,121 @@ def test_inertia_of_boxes_agrees_with_the_meshes() -> None:
 
 
 def _arrays(boxes):  # type: ignore[no-untyped-def]
-    mesh = _mesh_of_boxes(boxes)
+    mesh = mesh_of_boxes(boxes)
     return mesh.vertices, mesh.faces
 
 
-def test_a_mesh_file_becomes_a_target_covered_by_boxes(tmp_path: Path) -> None:
+def _exact_distances(mesh: Any, points: np.ndarray) -> np.ndarray:
+    """Return the distances to the triangles of a mesh, by brute force over each triangle's plane, sides and corners."""
+    least = np.full(len(points), np.inf)
+    for corners in mesh.triangles:
+        sides = np.roll(corners, -1, axis=0) - corners
+        normal = np.cross(sides[0], sides[1])
+        normal /= np.linalg.norm(normal)
+        offset = points[:, None] - corners
+        within = (np.einsum("nei,ei->ne", offset, np.cross(sides, normal)) <= 0.0).all(axis=1)
+        share = np.clip(np.einsum("nei,ei->ne", offset, sides) / np.square(sides).sum(axis=1), 0.0, 1.0)
+        to_sides = np.linalg.norm(offset - share[..., None] * sides, axis=2).min(axis=1)
+        least = np.minimum(least, np.where(within, np.abs(offset[:, 0] @ normal), to_sides))
+    return least
+
+
+def _meshes(path: Path) -> dict[str, Any]:
     trimesh = require("trimesh")
-    trimesh.creation.annulus(r_min=0.3, r_max=0.5, height=0.2).export(tmp_path / "ring.stl")
+    ring = trimesh.creation.annulus(r_min=0.3, r_max=0.5, height=0.2)
+    plate = trimesh.creation.box((0.8, 0.02, 0.3)).apply_translation((0.7, 0.0, 0.0))
+    rock = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+    rock.vertices *= 1.0 + 0.3 * np.random.default_rng(0).uniform(size=(len(rock.vertices), 1))
+    found = {"ring": ring, "two": trimesh.util.concatenate([ring, plate]), "rock": rock}
+    for name, mesh in found.items():
+        mesh.export(path / f"{name}.stl")
+    return found
+
+
+def test_the_distance_to_a_mesh_is_a_close_lower_bound(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    for name, mesh in _meshes(tmp_path).items():
+        solid = MeshSolid(list(mesh.split()))
+        points = random.uniform(-1.0, 1.0, (3000, 3)) * 1.5
+        exact, inside = _exact_distances(mesh, points), mesh.contains(points)
+        if name == "two":
+            inside = np.any([body.contains(points) for body in mesh.split()], axis=0)
+        found, away = solid.distance(points), ~inside & (exact > 0.1)
+        assert (found[~inside] <= exact[~inside] + 1e-12).all(), name
+        assert (exact[away] - found[away] < 3e-3).all(), name
+        assert (found[inside] < 0.0).all(), name
+        # Planning scales the problem: the scaled solid must be the same one.
+        scaled = solid.in_units_of(2.0)
+        np.testing.assert_allclose(2.0 * scaled.distance(points / 2.0), found, atol=1e-9)
+        np.testing.assert_allclose(2.0 * scaled.vertices, solid.vertices)
+
+
+def test_the_gradient_of_the_distance_to_a_mesh_leads_away_from_it(tmp_path: Path) -> None:
+    solid = MeshSolid(list(_meshes(tmp_path)["two"].split()))
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (500, 3)) * 1.5
+    distance, gradient = solid.distances(points)
+    assert distance.shape == (500, 2)
+    assert gradient.shape == (500, 2, 3)
+    far = distance > 0.2
+    moved = np.stack([solid.distances(points + 1e-3 * gradient[:, part])[0][:, part] for part in range(2)], axis=1)
+    np.testing.assert_allclose((moved - distance)[far], 1e-3, rtol=0.02)
+
+
+def test_a_mesh_file_becomes_a_target(tmp_path: Path) -> None:
+    ring = _meshes(tmp_path)["ring"]
     target = MeshTarget(path=str(tmp_path / "ring.stl"), scale=2.0)()
-    assert 2 < len(target.boxes) <= 12
-    sampled = trimesh.Trimesh(target.mesh.vertices, target.mesh.faces)
-    surface, _ = trimesh.sample.sample_surface(sampled, 2000, seed=1)
-    inside = trimesh.sample.volume_mesh(sampled, 500)
-    assert target.boxes.distance(np.concatenate([surface, inside])).max() < 1e-9
-    volume = 8.0 * target.boxes.half_size.prod(axis=1).sum()
-    assert volume < 0.9 * np.prod(sampled.extents)
+    assert target.swept_radius == pytest.approx(2.0 * np.linalg.norm(ring.vertices, axis=1).max())
+    assert target.shape is target.mesh
+    assert target.solid.distance(np.array([[0.0, 0.0, 0.0]]))[0] == pytest.approx(
+        0.6, abs=5e-3
+    )  # the hole, of 32 sides
+    assert target.solid.distance(np.array([[0.8, 0.0, 0.0]]))[0] < 0.0
 
 
-def test_boxes_hold_what_is_deep_inside_a_solid() -> None:
+def test_triangles_form_patches_up_to_sharp_edges(tmp_path: Path) -> None:
     trimesh = require("trimesh")
-    solid = trimesh.creation.box((2.0, 2.0, 2.0))
-    dent = _covering_boxes(solid, 8)
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
-    assert dent.distance(points).max() < 1e-9
+    for mesh, count in (
+        (trimesh.creation.box(), 6), (trimesh.creation.cylinder(radius=0.3, height=1.0, sections=24), 3),
+        (trimesh.creation.icosphere(subdivisions=2), 1),
+    ):  # fmt: skip
+        surface = Surface(TriangleMesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)))
+        assert len(set(surface.patches.tolist())) == count
+
+
+def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:
+    boxes = aligned_boxes(np.zeros((1, 3)), np.array([[0.5, 0.3, 0.1]]))
+    surface = Surface(mesh_of_boxes(boxes))
+    samples = surface.sample(0.02)
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3))
+    triangles, height, beyond = surface.nearest(samples, points.T)
+    found = np.sqrt(height**2 + (beyond**2).sum(axis=0))
+    exact = boxes.distance(points)
+    outside = exact > 0.02
+    # Along a sharp edge the nearest point may be that of the other face.
+    np.testing.assert_allclose(found[outside], exact[outside], atol=2e-3)
+    assert np.median(np.abs(found - exact)[outside]) < 1e-12
+    foot = points - height[:, None] * surface.normals[triangles] - beyond.T
+    np.testing.assert_allclose(boxes.distance(foot[outside]), 0.0, atol=1e-9)
+
+
+def test_samples_are_as_dense_as_asked_and_lie_on_the_surface() -> None:
+    boxes = EnvisatTarget()().solid
+    surface = Surface(mesh_of_boxes(boxes))
+    samples = surface.sample(0.05)
+    # Where boxes overlap, a point of one is inside another.
+    assert boxes.distance(samples.points).max() < 1e-9
+    assert boxes.distance(samples.points + 1e-3 * samples.normals).max() == pytest.approx(1e-3, rel=1e-6)
+    weights = np.random.default_rng(3).dirichlet(np.ones(3), 400)
+    for index, corners in enumerate(surface.corners):
+        own = samples.points[samples.triangles == index]
+        gaps = np.linalg.norm((weights @ corners)[:, None] - own, axis=2).min(axis=1)
+        assert gaps.max() <= 0.05
+    thin = samples.thinned(0.1)
+    assert 10 < len(thin.points) < 0.5 * len(samples.points)
+    camera = np.array([10.0, 0.0, 0.0])
+    facing = samples.facing(camera)
+    assert 0 < len(facing.points) < 0.6 * len(samples.points)
+    assert (np.einsum("ni,ni->n", facing.normals, camera - facing.points) > 0.0).all()
 
 
 def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:

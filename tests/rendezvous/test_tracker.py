@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.control.gains import natural_gain
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits, remaining
+from safe_inspect.rendezvous.control.design import natural_gain
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
-from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, no_tube, truth_tube
+from safe_inspect.rendezvous.control.tube import (
+    Axis,
+    AxisBound,
+    TrackedReference,
+    TrackingLimits,
+    Tube,
+    no_tube,
+    remaining,
+    truth_tube,
+)
 
 AXIS = Axis(9.583788668)
 STEPS = 121
@@ -68,7 +76,7 @@ def test_what_remains_is_the_least_of_all_steps_from_the_given_one_on(tube, refe
 
 
 def test_a_tube_without_width_and_limits_without_a_box(reference):
-    found = remaining(AXIS, reference, no_tube(1), TrackingLimits(keep_in=None))
+    found = remaining(AXIS, reference, no_tube(1), TrackingLimits(keep_in=np.full(3, np.inf)))
     assert np.isinf(found[:, 0]).all()
     np.testing.assert_allclose(found[:, 1], LIMITS.speed - np.abs(reference.velocity).max(axis=0))
     np.testing.assert_allclose(found[:, 2], LIMITS.force - np.abs(reference.feed_forward(AXIS)).max(axis=0))

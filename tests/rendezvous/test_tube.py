@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.control.gains import best_tube, candidate_gains, clearance_margin, lqr_gain, natural_gain
-from safe_inspect.rendezvous.control.tube import Axis, AxisBound, truth_tube
+from safe_inspect.rendezvous.control.bound import Bound
+from safe_inspect.rendezvous.control.design import (
+    DesignRequest,
+    candidate_gains,
+    clearance_margin,
+    design_tube,
+    lqr_gain,
+    natural_gain,
+)
+from safe_inspect.rendezvous.control.tube import Axis, AxisBound, TrackingLimits, Tube, truth_tube
+from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 
 AXIS = Axis(9.583788668)
 STEPS = 301
@@ -67,21 +78,30 @@ def test_more_error_makes_a_wider_tube(bound):
     assert np.all(truth_tube(AXIS, gain, more).clearance >= truth_tube(AXIS, gain, bound).clearance)
 
 
+def searched(bound: AxisBound, force: float, **given: Any) -> tuple[Tube, np.ndarray]:
+    """Return the tube of a plan at rest for actuators with a largest force, and the force that remains."""
+    still, times = np.zeros((STEPS, 3)), 0.2 * np.arange(STEPS)
+    plan = Plan(PlanStatus.SOLVED, 0.0, times[-1], times=times, position=still, velocity=still, force=still)
+    own = Bound(times, bound.position, bound.velocity, bound.force, 0.95, 100)
+    design = design_tube(DesignRequest(plan, own, np.ones(STEPS), AXIS, TrackingLimits(force=force), 0.0), **given)
+    return design.tube, design.force_reserve
+
+
 def test_the_gain_search_keeps_a_reserve_and_says_when_there_is_none(bound):
-    tube, reserve = best_tube(AXIS, bound, np.full(STEPS, 0.2))
+    tube, reserve = searched(bound, 0.205)
     assert reserve.min() >= 0.0
     assert clearance_margin(tube).max() < 0.25
-    np.testing.assert_allclose(reserve, 0.2 - tube.force, rtol=1e-12)
-    _, more = best_tube(AXIS, bound, np.full(STEPS, 0.2), wanted=0.05)
+    np.testing.assert_allclose(reserve, 0.205 - bound.force - tube.force, rtol=1e-9)
+    _, more = searched(bound, 0.205, reserve=0.05)
     assert more.min() >= 0.05
-    none, lacking = best_tube(AXIS, bound, np.full(STEPS, 0.02))
+    none, lacking = searched(bound, 0.025)
     assert lacking.min() < 0.0
     assert none.force.max() < tube.force.max()
 
 
 def test_stiffening_gains_narrow_the_end_within_the_same_force(bound):
-    constant, _ = best_tube(AXIS, bound, np.full(STEPS, 0.2), tuple(candidate_gains(AXIS)))
-    stiffening, reserve = best_tube(AXIS, bound, np.full(STEPS, 0.2))
+    constant, _ = searched(bound, 0.205, gains=tuple(candidate_gains(AXIS)))
+    stiffening, reserve = searched(bound, 0.205)
     assert stiffening.gain.shape == (STEPS, 2)
     assert reserve.min() >= 0.0
     assert stiffening.clearance[-1] < 0.9 * constant.clearance[-1]

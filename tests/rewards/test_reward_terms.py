@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.rewards import (
+from safe_inspect.rewards.delta_v import InspectionDeltaVReward
+from safe_inspect.rewards.inspection import (
     InspectionCrashReward,
-    InspectionDeltaVReward,
     InspectionRTAReward,
     InspectionSuccessReward,
     ObservedPointsReward,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.types import FloatArray
 

@@ -96,6 +96,6 @@ class _Rows:
 def uncompiled() -> Iterator[None]:
     """Let the filters run their rows as plain Python."""
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-        for name in ("backup.safety_filter", "backup.kernel_table", "team.safety_filter", "tube.safety_filter"):
+        for name in ("backup.safety_filter", "team.safety_filter"):
             patch.setattr(f"safe_inspect.rta.filters.{name}.compiled", _Rows)
         yield

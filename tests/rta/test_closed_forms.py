@@ -7,8 +7,8 @@ import pytest
 
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.constraints.rows import Margins
-from safe_inspect.rta.filters import BackupFilter
 from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.backup.sequences import SAFE
 
 N, LIMIT = 0.001027, 0.05

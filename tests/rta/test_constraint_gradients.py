@@ -70,9 +70,9 @@ def test_the_rate_is_the_derivative_as_the_sun_turns(name, draw):
     numeric = (
         constraint.h(shifted(state, np.zeros(6), 1e-6)) - constraint.h(shifted(state, np.zeros(6), -1e-6))
     ) / 2e-6
-    np.testing.assert_allclose(constraint.rate(state), N * numeric, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(constraint.evaluate(state).rate, N * numeric, rtol=1e-5, atol=1e-7)
     if name == "sun":
-        assert np.abs(constraint.rate(state)).max() > 1e-3
+        assert np.abs(constraint.evaluate(state).rate).max() > 1e-3
 
 
 def test_h_and_phi_are_the_formulas_of_the_reference(draw):

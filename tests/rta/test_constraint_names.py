@@ -6,7 +6,8 @@ import pytest
 
 from safe_inspect.rta.constraints import Constraint, ConstraintValues, constraint_set
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.filters import BackupFilter, TeamFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter
 
 
 class Side(Constraint, name="NamedSide"):

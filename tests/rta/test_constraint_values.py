@@ -7,26 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.rta import constraints
-from safe_inspect.rta.constraints import (
-    AlongTrackSpeed,
-    ChiefCollision,
-    ConstraintParameters,
-    MaximumRange,
-    PassivelySafeManoeuvre,
-    RadialSpeed,
-    RelativeSpeedLimit,
-    RelativeState,
-    SunKeepOut,
-    braking_acceleration,
-    constraint_set,
-)
-
-
-def test_the_former_name_of_the_values_still_works_and_no_other_name_does():
-    assert constraints.Evaluation is constraints.ConstraintValues
-    with pytest.raises(AttributeError, match=r"module 'safe_inspect.rta.constraints' has no attribute 'Values'"):
-        constraints.Values  # noqa: B018
+from safe_inspect.rta.constraints import ConstraintParameters, RelativeState, constraint_set
+from safe_inspect.rta.constraints.parameters import braking_acceleration
+from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
+from safe_inspect.rta.constraints.speeds import AlongTrackSpeed, RadialSpeed, RelativeSpeedLimit
+from safe_inspect.rta.constraints.sun import SunKeepOut
 
 
 def one(position, velocity=(0.0, 0.0, 0.0), sun_angle=0.0):

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from team_flight import TeamFlight
 from team_safety import draw_teams, team_report
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters import BackupFilter, DecentralisedFilter, TeamFilter, TeamState
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 
@@ -26,7 +26,7 @@ def team():
 
 @pytest.fixture(scope="module")
 def run():
-    return DecentralisedFilter(None, NAMES, ["deputy_collision"])
+    return TeamFilter(None, (*NAMES, "deputy_collision"))
 
 
 class Seen:
@@ -52,7 +52,7 @@ def test_it_keeps_clear_of_others_that_coast(run, team):
     start = draw_teams(team, 20, 3, seed=3)
     own = start.alone(0)
     others = [RelativeState(start.position[:, i], start.velocity[:, i], start.sun_angle) for i in (1, 2)]
-    promised = run.recoverable(own, start.position[:, 1:], start.velocity[:, 1:])
+    promised = run.recoverable(TeamState.beside(own, start.position[:, 1:], start.velocity[:, 1:]))
     assert promised.mean() > 0.6
     near = np.inf
     for _ in range(40):
@@ -60,13 +60,12 @@ def test_it_keeps_clear_of_others_that_coast(run, team):
         v = np.stack([other.velocity for other in others], axis=1)
         to = p - own.position[:, None]
         first = np.linalg.norm(to, axis=-1).argmin(axis=1)
-        result = run(own, np.sign(to[np.arange(20), first]), p, v)
+        result = run.decentralised(own, np.sign(to[np.arange(20), first]), p, v)
         assert not (result.infeasible & promised).any()
         for time in (2.5, 5.0, 7.5, 10.0):
             later, moved = flown(own, result.control, time), [flown(x, np.zeros((20, 3)), time) for x in others]
-            phi = run.phi(
-                later, np.stack([x.position for x in moved], axis=1), np.stack([x.velocity for x in moved], axis=1)
-            )  # fmt: skip
+            p, v = (np.stack([getattr(x, name) for x in moved], axis=1) for name in ("position", "velocity"))
+            phi = run.phi(TeamState.beside(later, p, v), 1)
             assert all((value[promised] >= 0.0).all() for value in phi.values()), time
             near = min(near, phi["deputy_collision"][promised].min())
         own, others = later, moved
@@ -133,10 +132,10 @@ def test_the_glue_keeps_the_radius_that_it_is_given(team):
 def test_a_row_does_not_depend_on_its_batch(run, team):
     start = draw_teams(team, 12, 3, seed=8)
     desired = np.random.default_rng(8).uniform(-1.0, 1.0, (12, 3))
-    whole = run(start.alone(0), desired, start.position[:, 1:], start.velocity[:, 1:])
+    whole = run.decentralised(start.alone(0), desired, start.position[:, 1:], start.velocity[:, 1:])
     for i in range(12):
         part = start[i : i + 1]
-        one = run(part.alone(0), desired[i : i + 1], part.position[:, 1:], part.velocity[:, 1:])
+        one = run.decentralised(part.alone(0), desired[i : i + 1], part.position[:, 1:], part.velocity[:, 1:])
         np.testing.assert_array_equal(one.control[0], whole.control[i])
 
 

@@ -12,7 +12,7 @@ from safe_inspect.environments import load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.rta import RTAGlueCWHDocking3d
-from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
+from safe_inspect.rta.docking import SpeedLimitFilter
 
 N, MASS = 0.001027, 12.0
 EXPERIMENT = configs_root() / "docking" / "experiment.yml"

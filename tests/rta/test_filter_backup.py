@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import Audit, fly_filtered
-from safe_inspect.rta.constraints import NAMES, CrossTrackSpeed, RelativeState
+from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
-from safe_inspect.rta.filters import BackupFilter, ContinuousFilter
+from safe_inspect.rta.constraints.speeds import CrossTrackSpeed
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.continuous import ContinuousFilter
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters import BackupFilter, SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 
@@ -132,5 +132,3 @@ def test_bad_input_is_named(safe):
     state = starts(safe, 7, 3)
     with pytest.raises(ValueError, match="row 1 is not finite"):
         SimplexFilter()(state, np.array([[0.0] * 3, [np.nan] * 3, [0.0] * 3]), SimplexMemory.zeros(3))
-    with pytest.raises(ValueError, match="positive"):
-        SimplexFilter(delta_v_limit=-1.0)

@@ -10,20 +10,12 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import ConfigError
 from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states
-from safe_inspect.rta.constraints import (
-    NAMES,
-    ChiefCollision,
-    CrossTrackSpeed,
-    DeputyCollision,
-    DeputyPassiveSafety,
-    MaximumRange,
-    PassivelySafeManoeuvre,
-    RelativeSpeedLimit,
-    RelativeState,
-    SunKeepOut,
-    constraint_set,
-)
-from safe_inspect.rta.filters import BackupFilter, TeamFilter, TubeFilter
+from safe_inspect.rta.constraints import NAMES, DeputyCollision, DeputyPassiveSafety, RelativeState, constraint_set
+from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
+from safe_inspect.rta.constraints.speeds import CrossTrackSpeed, RelativeSpeedLimit
+from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
@@ -80,11 +72,13 @@ def test_what_is_given_is_kept(name):
 
 def test_the_tube_is_that_of_the_given_speed_limit():
     bounds = DisturbanceBounds(velocity=1e-4, position_error=0.1)
-    given = TubeFilter({}, [RelativeSpeedLimit(v1=0.01), "r_max"], bounds)
-    meant = TubeFilter({"v1_coef": 0.01 / 0.001027}, ["rel_vel", "r_max"], bounds)
+    given = BackupFilter({}, [RelativeSpeedLimit(v1=0.01), "r_max"], disturbance=bounds)
+    meant = BackupFilter({"v1_coef": 0.01 / 0.001027}, ["rel_vel", "r_max"], disturbance=bounds)
     np.testing.assert_allclose(given.tube, meant.tube, rtol=1e-12)
     with pytest.raises(ValueError, match="leave nothing of the 3 m between"):
-        TubeFilter({}, ["chief_collision", MaximumRange(r_max=13.0)], DisturbanceBounds(position_error=4.0))
+        BackupFilter(
+            {}, ["chief_collision", MaximumRange(r_max=13.0)], disturbance=DisturbanceBounds(position_error=4.0)
+        )
 
 
 def test_a_team_keeps_the_distances_that_are_given():
@@ -95,7 +89,7 @@ def test_a_team_keeps_the_distances_that_are_given():
     assert run.pair_constraints["deputy_PSM"].deputy_radius == 5.0
     assert RTAGlueCWHInspection1v1(
         constraints=("r_max", DeputyCollision(deputy_radius=8.0)), enabled=True
-    )._decentralised._team._models[1].constraints[0].near == 16.0  # fmt: skip
+    )._decentralised._models[1].constraints[0].near == 16.0  # fmt: skip
     with pytest.raises(ValueError, match="of deputy_collision must be less than r_max"):
         TeamFilter({}, ("r_max", DeputyCollision(deputy_radius=900.0)))
 

@@ -8,14 +8,15 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.errors import PluginValueError
 from safe_inspect.metrics import SmallestPhi
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState, constraint_set
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.filters import BackupFilter, SimplexFilter, SimplexMemory, TeamFilter, TeamState
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 
 N, MASS, DT = 0.001027, 12.0, 10.0
@@ -362,7 +363,7 @@ def test_the_glue_takes_a_constraint_with_its_fields():
 
 
 def test_fields_that_are_not_given_come_from_the_parameters_of_the_task():
-    from safe_inspect.rta.constraints import ChiefCollision
+    from safe_inspect.rta.constraints.ranges import ChiefCollision
 
     built = constraint_set({"collision_radius": 12.0}, [ChiefCollision(max_acceleration=0.01)])["chief_collision"]
     assert built == ChiefCollision(collision_radius=12.0, max_acceleration=0.01)

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from safe_inspect.rta.constraints import PassivelySafeManoeuvre, RelativeState
+from safe_inspect.rta.constraints import RelativeState
+from safe_inspect.rta.constraints.ranges import PassivelySafeManoeuvre
 
 N = 0.001027
 ORBIT = 2 * math.pi / N

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters import BackupFilter, TeamFilter, TeamState, TubeFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
 from .limit_flights import BOUNDS, CLOSE, FAR, LOST, NEAR, N, drawn, flown, wanted
 from .plain import uncompiled
@@ -54,7 +55,11 @@ def test_the_backup_filter(where: tuple[float, float, float], intervention: Any)
 
 @pytest.mark.parametrize(
     "run",
-    [BackupFilter({"m": 60.0, "u_max": 0.6}), BackupFilter(names=["sun", "PSM"]), TubeFilter(None, NAMES, BOUNDS)],
+    [
+        BackupFilter({"m": 60.0, "u_max": 0.6}),
+        BackupFilter(names=["sun", "PSM"]),
+        BackupFilter(disturbance=BOUNDS),
+    ],
     ids=["weak thrusters", "two constraints", "tube"],
 )
 def test_plans_and_what_is_admissible(run: BackupFilter) -> None:
@@ -67,7 +72,7 @@ def test_plans_and_what_is_admissible(run: BackupFilter) -> None:
     same(run, state, wanted(state, 0, run.parameters.u_max))
 
 
-def passes(run: TubeFilter, state: RelativeState) -> Iterator[tuple[RelativeState, Any, Any, Any]]:
+def passes(run: BackupFilter, state: RelativeState) -> Iterator[tuple[RelativeState, Any, Any, Any]]:
     """Fly a filter towards the chief; yield each state, the memory before it, the result and the memory after it."""
     memory = run.memory(len(state))
     for _ in range(4):
@@ -82,7 +87,7 @@ def test_the_tube_filter_and_the_plan_that_it_goes_on_with(intervention: Any) ->
     """Where the tracked plan is flown, it is remembered a hold later, coasting."""
     followed = 0
     state = drawn(6, ROWS, CLOSE)[: 3 if intervention == "nearest" else ROWS]
-    for _, before, result, after in passes(TubeFilter(None, NAMES, BOUNDS, intervention), state):
+    for _, before, result, after in passes(BackupFilter(None, NAMES, intervention, disturbance=BOUNDS), state):
         known = before[:, 9] > 0.0
         rows = known & result.backup
         if intervention == "backup" and rows.any():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize, nnls
 
-from safe_inspect.rta.filters import solve_qp
+from safe_inspect.rta.numerics.projection import solve_qp
 
 BOX = np.concatenate((np.eye(3), -np.eye(3)))
 
@@ -46,11 +46,10 @@ def least_distance(desired, normals, bounds, limit=1.0):
 
 def agree(seed, count):
     desired, normals, bounds = feasible_problems(seed, count)
-    solution = solve_qp(desired, normals, bounds, 1.0)
-    assert solution.feasible.all()
-    assert not solution.violated.any()
+    control, feasible = solve_qp(desired, normals, bounds, 1.0)
+    assert feasible.all()
     other = np.stack([least_distance(*problem) for problem in zip(desired, normals, bounds, strict=True)])
-    assert np.abs(solution.control - other).max() < 1e-6
+    assert np.abs(control - other).max() < 1e-6
 
 
 def test_it_agrees_with_an_independent_solver():
@@ -65,14 +64,14 @@ def test_it_agrees_with_an_independent_solver_on_100_000_problems():
 def infeasible_problems(seed, count):
     desired, normals, bounds = feasible_problems(seed, count)
     bounds = bounds + np.random.default_rng(seed).exponential(1.5, bounds.shape) * np.linalg.norm(normals, axis=-1)
-    solution = solve_qp(desired, normals, bounds, 1.0)
-    keep = ~solution.feasible
+    control, feasible = solve_qp(desired, normals, bounds, 1.0)
+    keep = ~feasible
     assert keep.mean() > 0.9
-    return desired[keep], normals[keep], bounds[keep], solution.control[keep], solution.violated[keep]
+    return desired[keep], normals[keep], bounds[keep], control[keep]
 
 
 def test_the_least_violating_control_minimises_the_largest_violation():
-    for desired, normals, bounds, control, violated in zip(*infeasible_problems(2, 300), strict=True):
+    for desired, normals, bounds, control in zip(*infeasible_problems(2, 300), strict=True):
         found = linprog(
             [0, 0, 0, 1], A_ub=np.concatenate((-normals, -np.ones((len(normals), 1))), axis=1), b_ub=-bounds,
             bounds=[(-1, 1)] * 3 + [(0, None)],
@@ -80,7 +79,7 @@ def test_the_least_violating_control_minimises_the_largest_violation():
         short = bounds - normals @ control
         assert np.abs(control).max() <= 1.0
         assert short.max() == pytest.approx(found.fun, rel=1e-7, abs=1e-9)
-        np.testing.assert_array_equal(violated, short > 1e-9 * (1.0 + np.abs(bounds)))
+        assert (short > 1e-9 * (1.0 + np.abs(bounds))).any()
         # of all such controls it is the nearest to the desired one
         nearest = least_distance(desired, normals, bounds - short.max() - 1e-9 * (1.0 + short.max()))
         assert np.linalg.norm(control - desired) == pytest.approx(np.linalg.norm(nearest - desired), abs=1e-5)
@@ -91,29 +90,29 @@ def test_a_control_that_breaks_nothing_is_unchanged_bit_for_bit():
     desired *= 0.3
     free = (np.abs(desired).max(axis=1) <= 1.0) & ((normals * desired[:, None]).sum(axis=-1) >= bounds).all(axis=1)
     assert free.sum() > 20
-    np.testing.assert_array_equal(solve_qp(desired, normals, bounds, 1.0).control[free], desired[free])
+    np.testing.assert_array_equal(solve_qp(desired, normals, bounds, 1.0)[0][free], desired[free])
 
 
 def test_parallel_repeated_and_empty_rows():
     x = [1.0, 0.0, 0.0]
     rows = np.array([[x, x, [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]])
-    solution = solve_qp(np.zeros((1, 3)), rows, np.array([[0.5, 0.5, 1.0, -1.0]]), 1.0)
-    np.testing.assert_allclose(solution.control, [[0.5, 0.0, 0.0]], atol=1e-12)
-    assert solution.feasible.all()
+    control, feasible = solve_qp(np.zeros((1, 3)), rows, np.array([[0.5, 0.5, 1.0, -1.0]]), 1.0)
+    np.testing.assert_allclose(control, [[0.5, 0.0, 0.0]], atol=1e-12)
+    assert feasible.all()
     # a row that does not depend on the control is met or not, and has no part in the choice
-    solution = solve_qp(np.zeros((1, 3)), rows, np.array([[0.5, 0.5, 1.0, 1.0]]), 1.0)
-    np.testing.assert_allclose(solution.control, [[0.5, 0.0, 0.0]], atol=1e-12)
-    assert solution.violated.tolist() == [[False, False, False, True]]
+    control, feasible = solve_qp(np.zeros((1, 3)), rows, np.array([[0.5, 0.5, 1.0, 1.0]]), 1.0)
+    np.testing.assert_allclose(control, [[0.5, 0.0, 0.0]], atol=1e-12)
+    assert not feasible.any()
     # opposed planes: halfway between them
     rows = np.array([[x, [-1.0, 0.0, 0.0]]])
-    solution = solve_qp(np.array([[0.9, 0.2, 0.3]]), rows, np.array([[0.6, -0.2]]), 1.0)
-    np.testing.assert_allclose(solution.control, [[0.4, 0.2, 0.3]], atol=1e-9)
-    assert solution.violated.all()
+    control, feasible = solve_qp(np.array([[0.9, 0.2, 0.3]]), rows, np.array([[0.6, -0.2]]), 1.0)
+    np.testing.assert_allclose(control, [[0.4, 0.2, 0.3]], atol=1e-9)
+    assert not feasible.any()
 
 
 def test_no_rows_leave_the_box():
-    solution = solve_qp(np.array([[2.0, -3.0, 0.1]]), np.zeros((1, 0, 3)), np.zeros((1, 0)), 1.0)
-    np.testing.assert_array_equal(solution.control, [[1.0, -1.0, 0.1]])
+    control, _ = solve_qp(np.array([[2.0, -3.0, 0.1]]), np.zeros((1, 0, 3)), np.zeros((1, 0)), 1.0)
+    np.testing.assert_array_equal(control, [[1.0, -1.0, 0.1]])
 
 
 def test_a_problem_does_not_depend_on_its_batch():
@@ -122,15 +121,11 @@ def test_a_problem_does_not_depend_on_its_batch():
     whole = solve_qp(desired, normals, bounds, 1.0)
     for i in range(60):
         alone = solve_qp(desired[i : i + 1], normals[i : i + 1], bounds[i : i + 1], 1.0)
-        np.testing.assert_array_equal(alone.control[0], whole.control[i])
-        np.testing.assert_array_equal(alone.violated[0], whole.violated[i])
+        for part, parts in zip(alone, whole, strict=True):
+            np.testing.assert_array_equal(part[0], parts[i])
 
 
 def test_bad_input_is_named():
     desired, normals, bounds = feasible_problems(5, 4)
     with pytest.raises(ValueError, match="row 2 of the programme"):
         solve_qp(desired, normals, np.where(np.arange(4)[:, None] == 2, np.nan, bounds), 1.0)
-    with pytest.raises(ValueError, match="limit"):
-        solve_qp(desired, normals, bounds, 0.0)
-    with pytest.raises(ValueError, match="do not match"):
-        solve_qp(desired, normals, bounds[:, :3], 1.0)

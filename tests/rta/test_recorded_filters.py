@@ -15,16 +15,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState
-from safe_inspect.rta.filters import (
-    BackupFilter,
-    ContinuousFilter,
-    DecentralisedFilter,
-    SimplexFilter,
-    SimplexMemory,
-    TeamFilter,
-    TeamState,
-    TubeFilter,
-)
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
@@ -114,7 +108,7 @@ def test_plans(name: str) -> None:
     """Thrusts of plans with the whole margins and with half of them, and small thrusts that are flown unchanged."""
     run = {
         "backup": BackupFilter(),
-        "tube": TubeFilter(None, NAMES, BOUNDS),
+        "tube": BackupFilter(None, NAMES, disturbance=BOUNDS),
         "weak": BackupFilter({"m": 60.0, "u_max": 0.6}),
     }[name]
     state = drawn(3, 60, (10.5, 120.0, 0.4))
@@ -128,7 +122,7 @@ def test_plans(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "where"), {"near": NEAR, "far": FAR}.items())
 def test_the_tube_filter(name: str, where: tuple[float, float, float]) -> None:
-    run = TubeFilter(None, NAMES, BOUNDS)
+    run = BackupFilter(None, NAMES, disturbance=BOUNDS)
     memory = [run.memory(ROWS)]
     noise = np.random.default_rng(5).uniform(-0.005, 0.005, (STEPS, 2, ROWS, 3)) * np.array([1.0, 0.01])[:, None, None]
 
@@ -210,8 +204,8 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
 
 
 def test_the_decentralised_filter() -> None:
-    run, others = DecentralisedFilter(None, NAMES, ["deputy_collision"]), drawn(12, 2 * ROWS, (15.0, 40.0, 0.05))
+    run, others = TeamFilter(None, (*NAMES, "deputy_collision")), drawn(12, 2 * ROWS, (15.0, 40.0, 0.05))
     p, v = others.position.reshape(ROWS, 2, 3), others.velocity.reshape(ROWS, 2, 3)
     p = drawn(13, ROWS, NEAR).position[:, None] + 0.5 * p
-    found = noted(flight(lambda state, desired: run(state, desired, p, v), NEAR, 13))
-    check("decentralised", found | {"recoverable": run.recoverable(drawn(13, ROWS, NEAR), p, v)})
+    found = noted(flight(lambda state, desired: run.decentralised(state, desired, p, v), NEAR, 13))
+    check("decentralised", found | {"recoverable": run.recoverable(TeamState.beside(drawn(13, ROWS, NEAR), p, v))})

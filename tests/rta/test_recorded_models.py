@@ -17,14 +17,16 @@ import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.random.streams import Streams
-from safe_inspect.rta.audit.adversaries import adversarial_thrust
+from safe_inspect.rta.audit.adversaries import PUSHES, DisturbanceAdversary, adversarial_thrust, normalised_rows
 from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states, settings
-from safe_inspect.rta.audit.disturbances import PUSHES, DisturbanceAdversary, normalised_rows
 from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters import BackupFilter, ContinuousFilter, SimplexFilter, TeamFilter, TubeFilter
+from safe_inspect.rta.docking import SpeedLimitFilter
 from safe_inspect.rta.filters.backup.model import leading_holds
-from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter
 
 from ..golden.records import check_record
 
@@ -73,7 +75,7 @@ def test_the_numbers_and_tables_of_a_task(task: str) -> None:
 
 @pytest.mark.parametrize("task", ["shipped", "slow"])
 def test_the_tube_of_a_task(task: str) -> None:
-    run = TubeFilter(TASKS[task], NAMES, BOUNDS)
+    run = BackupFilter(TASKS[task], NAMES, disturbance=BOUNDS)
     team = TeamFilter(TASKS[task], disturbance=BOUNDS)
     found = {"gain": run.tracker.gain, "tube": run.tube, "starting": run.starting}
     found |= {"pairs": team._models[1].tube, "starting pairs": team._starts[1].tube}
@@ -133,7 +135,7 @@ def test_random_settings_and_the_states_that_graze_their_limits() -> None:
 @pytest.mark.parametrize("disturbed", [False, True])
 def test_what_an_audit_counts(disturbed: bool) -> None:
     """On states that are not safe, so that every count and every least quantity says something."""
-    run = TubeFilter(None, NAMES, BOUNDS) if disturbed else BackupFilter()
+    run = BackupFilter(None, NAMES, disturbance=BOUNDS) if disturbed else BackupFilter()
     found = Audit()
     fly_filtered(run, drawn(7, 20, 700.0, 0.6), 6, np.random.default_rng(8), found)
     assert found.violations > 0

@@ -16,20 +16,13 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import grazing_states, settings
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters import (
-    BackupFilter,
-    ContinuousFilter,
-    DecentralisedFilter,
-    SimplexFilter,
-    SimplexMemory,
-    TeamFilter,
-    TeamState,
-    TubeFilter,
-)
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
@@ -71,10 +64,10 @@ BUILT: dict[str, Callable[[dict[str, float], tuple[str, ...]], Any]] = {
     "backup": BackupFilter,
     "the plan itself": lambda values, names: BackupFilter(values, names, intervention="backup"),
     "one hold": lambda values, names: BackupFilter(values, names, several_holds=False),
-    "tube": lambda values, names: TubeFilter(values, names, BOUNDS),
+    "tube": lambda values, names: BackupFilter(values, names, disturbance=BOUNDS),
     "continuous": ContinuousFilter,
     "switching": lambda values, names: SimplexFilter(values, names, delta_v_limit=20.0 * values["v0"]),
-    "decentralised": lambda values, names: DecentralisedFilter(values, names, ["deputy_collision", "deputy_PSM"]),
+    "decentralised": lambda values, names: TeamFilter(values, (*names, "deputy_collision", "deputy_PSM")),
 }
 
 
@@ -90,16 +83,16 @@ def test_random_settings(name: str) -> None:
         memory: list[Any] = [None]
 
         def step(state: RelativeState, desired: FloatArray, run: Any = run, memory: list[Any] = memory) -> Any:
-            if isinstance(run, DecentralisedFilter):
+            if isinstance(run, TeamFilter):
                 others = np.roll(state.position, 1, axis=0), np.roll(state.velocity, 1, axis=0)
-                return run(state, desired, *(array[:, None] for array in others))
-            if not isinstance(run, TubeFilter | SimplexFilter):
+                return run.decentralised(state, desired, *(array[:, None] for array in others))
+            tracks = isinstance(run, BackupFilter) and run.tracker is not None
+            if not tracks and not isinstance(run, SimplexFilter):
                 return run(state, desired)
             if memory[0] is None:
-                zeros = run.memory if isinstance(run, TubeFilter) else SimplexMemory.zeros
-                memory[0] = zeros(len(state))
-            result, memory[0] = (run.track if isinstance(run, TubeFilter) else run)(state, desired, memory[0])
-            memory.append(one_number(memory[0]).sum() if isinstance(run, TubeFilter) else memory[0].delta_v.sum())
+                memory[0] = (run.memory if tracks else SimplexMemory.zeros)(len(state))
+            result, memory[0] = (run.track if tracks else run)(state, desired, memory[0])
+            memory.append(one_number(memory[0]).sum() if tracks else memory[0].delta_v.sum())
             return result
 
         found[str(number)] = [*sums(step, state, values), *memory[1:]]

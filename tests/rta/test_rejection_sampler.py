@@ -11,7 +11,8 @@ from safe_inspect.plugins.functor import build
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta import RejectionSampler, RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import RelativeState, constraint_set
-from safe_inspect.simulators import Draw, UniformParameter
+from safe_inspect.simulators import Draw
+from safe_inspect.simulators.resets.parameters import UniformParameter
 
 
 def uniform(low: float, high: float, units: str) -> dict:

@@ -10,8 +10,8 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.rta.audit.audit import Audit, audit, grazing_states, settings
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters import BackupFilter
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.simulators.view import FilterResult
 
 
 def test_no_state_that_grazes_a_limit_loses_its_plan():
@@ -45,11 +45,11 @@ def test_the_initial_states_lie_on_the_edge_of_what_is_accepted():
 
 
 def test_the_checker_finds_what_an_unfiltered_flight_breaks(monkeypatch):
-    def unfiltered(self, state, desired):
+    def unfiltered(self, state, desired, memory):
         none = np.zeros(len(state), bool)
-        return FilterResult(desired, none, none, none, none.astype(int), self.phi(state), self.names)
+        return FilterResult(desired, none, none, none, none.astype(int), self.phi(state), self.names), memory
 
-    monkeypatch.setattr(BackupFilter, "__call__", unfiltered)
+    monkeypatch.setattr(BackupFilter, "track", unfiltered)
     found = audit(0, rows=24, steps=20, first=BackupFilter())
     assert found.violations > 1000
     assert all(least < 0.0 for name, least in found.least.items() if name != "r_max"), found.least

@@ -21,7 +21,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rta.audit.adversaries import adversarial_thrust
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import ConstraintValues
-from safe_inspect.rta.filters import BackupFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.simulators.resets.parameters import Draw
 from safe_inspect.simulators.view import SAFETY_FILTER

@@ -10,12 +10,12 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints.rows import Margins, node
-from safe_inspect.rta.constraints.sun_rows import SUN_KERNELS, SunNumbers
-from safe_inspect.rta.filters import BackupFilter
-from safe_inspect.rta.filters.backup.arcs import arc_cell
+from safe_inspect.rta.constraints.sun import SUN_KERNELS, SunNumbers
 from safe_inspect.rta.filters.backup.closed_motion import _cell, _node
 from safe_inspect.rta.filters.backup.cuts import add
+from safe_inspect.rta.filters.backup.holds import arc_cell
 from safe_inspect.rta.filters.backup.model import HOLD_PIECES
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.backup.workspace import workspace
 from safe_inspect.types import FloatArray
 
@@ -109,7 +109,7 @@ def closed_motion_is_certified_by_its_ends(generator: np.random.Generator) -> bo
     centre, rho = y - 2.0 * u, math.sqrt(4.0 * (x * x + u * u) + z * z + w * w)
     ends = [plain(_node)(N, initial, sun_at(angle), *sun_at(tau)) for tau in (begin, end)]
     for at, tau in zip(ends, (begin, end), strict=True):
-        np.testing.assert_allclose(at.position, position(tau))
+        np.testing.assert_allclose(at.state, position(tau))
         np.testing.assert_allclose((at.along, at.across), path(tau)[:2])
         speed = np.linalg.norm(position(tau + 1e-5) - position(tau - 1e-5)) / 2e-5
         np.testing.assert_allclose((at.range, at.speed), (np.linalg.norm(position(tau)), N * speed), rtol=1e-6)

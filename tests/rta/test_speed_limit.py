@@ -10,7 +10,7 @@ import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.rta.filters.speed_limit import SpeedLimitFilter
+from safe_inspect.rta.docking import SpeedLimitFilter
 
 NONE = DisturbanceBounds()
 BOUNDS = DisturbanceBounds(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from safe_inspect.rta.constraints import RelativeState, SunKeepOut
+from safe_inspect.rta.constraints import RelativeState
+from safe_inspect.rta.constraints.sun import SunKeepOut
 
 N = 0.001027
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from team_safety import draw_teams
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
-from safe_inspect.rta.filters import TeamFilter, TeamState
+from safe_inspect.dynamics.cwh import propagate, transition
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
 
 def flown(run, state, control, time=10.0):

@@ -17,11 +17,9 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rta.audit.audit import audit, grazing_states
 from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters import BackupFilter, TubeFilter
+from safe_inspect.rta.filters.backup.deviations import PlanTracker, leaves_nothing
 from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
-from safe_inspect.rta.filters.tube.deviations import PlanTracker
-from safe_inspect.rta.filters.tube.safety_filter import MEMORY
-from safe_inspect.rta.filters.tube.tables import leaves_nothing
+from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
@@ -33,7 +31,7 @@ FIELDS = BOUNDS.model_dump()
 
 @pytest.fixture(scope="module")
 def run():
-    return TubeFilter(None, NAMES, BOUNDS)
+    return BackupFilter(None, NAMES, disturbance=BOUNDS)
 
 
 def sphere(generator, shape, size):
@@ -82,22 +80,22 @@ def test_margins_grow_with_thrust_and_with_each_bound(run):
     assert tube[HOLD, 1, 1] > 0.01 * 10.0 / 12.0  # of 1 N for 10 s on 12 kg, one per cent, and the direction
     assert (tube[CLOSED] >= tube[PLAN] - 1e-15).all()
     for name in FIELDS:
-        less = TubeFilter(None, NAMES, BOUNDS.model_copy(update={name: 0.0}))
+        less = BackupFilter(None, NAMES, disturbance=BOUNDS.model_copy(update={name: 0.0}))
         assert less.tube.sum() < tube.sum()
 
 
 def test_bounds_that_leave_no_set_are_refused():
     with pytest.raises(ValueError, match=r"`disturbance` leave nothing of the speed"):
-        TubeFilter(None, ("rel_vel", "z_vel"), DisturbanceBounds(velocity_error=2.0))
+        BackupFilter(None, ("rel_vel", "z_vel"), disturbance=DisturbanceBounds(velocity_error=2.0))
     with pytest.raises(ValueError, match=r"leave nothing of the 790 m between"):
-        TubeFilter(None, NAMES, DisturbanceBounds(position_error=400.0))
+        BackupFilter(None, NAMES, disturbance=DisturbanceBounds(position_error=400.0))
     with pytest.raises(ValueError, match="leave nothing to enforce: a plan cannot be tracked"):
-        TubeFilter(None, NAMES, DisturbanceBounds(thrust_gain=0.9, thrust_direction=1.5))
+        BackupFilter(None, NAMES, disturbance=DisturbanceBounds(thrust_gain=0.9, thrust_direction=1.5))
 
 
 def test_without_a_disturbance_it_accepts_what_the_backup_filter_accepts(draw):
     state = draw(3, 400, nearest=12.0, farthest=200.0, fastest=0.4)
-    still, exact = TubeFilter(None, NAMES, DisturbanceBounds()), BackupFilter()
+    still, exact = BackupFilter(None, NAMES, disturbance=DisturbanceBounds()), BackupFilter()
     np.testing.assert_array_equal(still.recoverable(state), exact.recoverable(state))
     desired = np.random.default_rng(1).uniform(-1.0, 1.0, (400, 3))
     kept = exact.recoverable(state)
@@ -132,10 +130,12 @@ def test_nothing_is_broken_under_disturbances_that_push_to_the_limits(run):
 def test_the_undisturbed_filter_breaks_under_the_same_disturbances(run, monkeypatch):
     """The checker and its disturbances see what is broken."""
 
-    def forgetful(self, state, desired, memory):
-        return BackupFilter()(state, desired), memory
+    exact, track = BackupFilter(), BackupFilter.track
 
-    monkeypatch.setattr(TubeFilter, "track", forgetful)
+    def forgetful(self, state, desired, memory):
+        return track(exact, state, desired)[0], memory
+
+    monkeypatch.setattr(BackupFilter, "track", forgetful)
     found = audit(0, rows=16, steps=40, first=run)
     assert found.violations > 0
     assert found.infeasible > 0

@@ -13,16 +13,21 @@ from scipy.stats import norm, truncnorm
 from safe_inspect.errors import ConfigError, InitialStateError
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators import (
+from safe_inspect.simulators import Draw
+from safe_inspect.simulators.resets.initializers import (
+    AttitudeParameter,
+    Initializer,
+    PositionVelocityInitializer,
+    drawn_attitude,
+    repeated_unit,
+)
+from safe_inspect.simulators.resets.parameters import (
     ConstantParameter,
-    Draw,
+    Parameter,
     SimAttributeAccessor,
     TruncatedNormalParameter,
     UniformParameter,
 )
-from safe_inspect.simulators.resets.attitudes import AttitudeParameter, drawn_attitude, repeated_unit
-from safe_inspect.simulators.resets.initializers import Initializer, PositionVelocityInitializer
-from safe_inspect.simulators.resets.parameters import Parameter
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
 
 ROWS = 7

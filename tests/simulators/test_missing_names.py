@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.offers import missing
 
 
 def test_a_name_that_every_task_provides_is_suggested_but_not_listed() -> None:

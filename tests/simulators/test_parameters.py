@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from safe_inspect.errors import ConfigError
 from safe_inspect.plugins.functor import build
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators import (
+from safe_inspect.simulators import Draw
+from safe_inspect.simulators.resets.parameters import (
     ConstantParameter,
-    Draw,
     SimAttributeAccessor,
     TruncatedNormalParameter,
     UniformParameter,

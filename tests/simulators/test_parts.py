@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import TeamEnvironment, load_spec
-from safe_inspect.simulators.filter_result import FilterResult
-from safe_inspect.simulators.resets.attitudes import repeated_unit
+from safe_inspect.simulators.resets.initializers import repeated_unit
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import base_specs
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import ArraySpec
 
 SPEC = load_spec("safe_inspect/TranslationalInspection-v1", ["horizon=30"])

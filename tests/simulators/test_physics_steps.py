@@ -9,9 +9,10 @@ from scipy.integrate import solve_ivp
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.double_integrator import DoubleIntegrator
-from safe_inspect.simulators import ConstantParameter, PositionVelocityInitializer
+from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
-from safe_inspect.simulators.simulator import ComposedSimulator
+from safe_inspect.simulators.simulator import ComposedSimulator, Simulation
 
 N, MASS, STEP, STEPS = 0.001027, {"heavy": 12.0, "light": 4.0}, 20.0, 5
 STARTS = {"heavy": (80.0, -30.0, 20.0, 0.05, -0.1, 0.02), "light": (-50.0, 10.0, 5.0, 0.0, 0.03, -0.04)}
@@ -31,9 +32,10 @@ def flown(dynamics, decimation, control):
     """Return a simulation after `STEPS` steps of the controls (N, 2, C)."""
     plan = ResetPlan({}, {name: start(values) for name, values in STARTS.items()}, {"chief": start(CHIEF)})
     simulator = ComposedSimulator(dynamics=dynamics, decimation=decimation)
-    simulation = simulator(
-        masses=MASS, groups=(), reset=plan, step_size=STEP, num_envs=len(control), seed=0, first_slot=0
-    )
+    simulation = Simulation(
+        *simulator(), decimation=decimation, masses=MASS, groups=(), reset=plan, step_size=STEP, num_envs=len(control),
+        seed=0, first_slot=0,
+    )  # fmt: skip
     simulation.reset(np.arange(len(control)))
     for _ in range(STEPS):
         simulation.step(control)

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics import Dynamics
-from safe_inspect.simulators import TruncatedNormalParameter
+from safe_inspect.simulators.resets.parameters import TruncatedNormalParameter
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, Step, View

@@ -11,14 +11,12 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators import (
-    ConstantParameter,
+from safe_inspect.simulators.resets.initializers import (
     CWH3DRadialWithSunInitializer,
     PositionVelocityInitializer,
     RejectionSamplerInitializer,
-    SimAttributeAccessor,
-    UniformParameter,
 )
+from safe_inspect.simulators.resets.parameters import ConstantParameter, SimAttributeAccessor, UniformParameter
 from safe_inspect.simulators.resets.plan import BodyReset, EnvironmentDraw, ResetPlan
 
 

@@ -15,7 +15,7 @@ from safe_inspect.dynamics.orbit.relative_orbit import RelativeOrbit
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.component import RunningComponent
 from safe_inspect.simulators.resets.plan import EnvironmentDraw, ResetPlan
-from safe_inspect.simulators.simulation import Simulation
+from safe_inspect.simulators.simulator import Simulation
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.types import ArraySpec

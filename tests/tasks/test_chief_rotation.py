@@ -16,7 +16,7 @@ from safe_inspect.evaluation.optimiser import coverage_task
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.simulators.simulator import ComposedSimulator
-from safe_inspect.tasks import InspectionSimulator
+from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 
 SIMULATOR = "config.config.env_config.simulator.config"
 SPIN = np.array([2.0e-3, -1.0e-3, 3.0e-3])

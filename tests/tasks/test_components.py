@@ -10,27 +10,22 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
-from safe_inspect.simulators import ConstantParameter, PositionVelocityInitializer, UniformParameter
-from safe_inspect.simulators.resets.attitudes import AttitudeParameter
+from safe_inspect.simulators.resets.initializers import AttitudeParameter, PositionVelocityInitializer
+from safe_inspect.simulators.resets.parameters import ConstantParameter, UniformParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
-from safe_inspect.simulators.simulator import ComposedSimulator
+from safe_inspect.simulators.simulator import ComposedSimulator, Simulation
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, View
-from safe_inspect.tasks import (
-    BoundedDisturbance,
-    ChiefRotation,
-    FuelPriceSchedule,
-    InspectionPoints,
-    InspectionSimulator,
-    Sun,
-    TumbleParameter,
-)
-from safe_inspect.tasks.inspection.illumination import IlluminationParams
-from safe_inspect.tasks.inspection.points import SpherePoints
+from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule
+from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints
+from safe_inspect.tasks.inspection.rotation import ChiefRotation
+from safe_inspect.tasks.inspection.simulator import InspectionSimulator
+from safe_inspect.tasks.inspection.sun import IlluminationParams, Sun
+from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
 AXES = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
 SWAP = "but .* is above .*; swap them"
-FULL = r"full angle in \(0, pi\]"
 LENGTH = "all components are 0, which is neither a direction nor an attitude"
 
 
@@ -45,8 +40,8 @@ LENGTH = "all components are 0, which is neither a direction nor an attitude"
         (FuelPriceSchedule, {"steps_until_update": 0}, {"steps_until_update": 1}, "greater than or equal to 1"),
         (InspectionSimulator, {"delta_v_scale_bounds": (-0.1, -0.2)}, {}, SWAP),
         (InspectionSimulator, {"inspected_points_update_bounds": (0.9, 0.8)}, {}, SWAP),
-        (InspectionSimulator, {"field_of_view": 3.2}, {"field_of_view": math.pi}, FULL),
-        (InspectionPoints, {"field_of_view": 0.0}, {"field_of_view": 1e-3}, FULL),
+        (InspectionSimulator, {"field_of_view": 3.2}, {"field_of_view": math.pi}, "less than or equal to 3.14"),
+        (InspectionPoints, {"field_of_view": 0.0}, {"field_of_view": 1e-3}, "greater than 0"),
         (IlluminationParams, {"render_flag_3d": True}, {"render_flag_3d": False}, "the simulator does not render"),
         (IlluminationParams, {"render_flag_subplots": True}, {}, "the simulator does not render"),
         (
@@ -83,9 +78,10 @@ def simulation(*components, disturbance=None):
         {"chief": start(*np.zeros(6)), "module": start(0.0, 30.0, 5.0, 0.0, 0.0, 0.0)},
     )  # fmt: skip
     simulator = ComposedSimulator(components=components, disturbance=disturbance)
-    found = simulator(
-        masses={"red": 12.0, "blue": 12.0}, groups=(), reset=plan, step_size=10.0, num_envs=3, seed=1, first_slot=0
-    )
+    found = Simulation(
+        *simulator(), masses={"red": 12.0, "blue": 12.0}, groups=(), reset=plan, step_size=10.0, num_envs=3, seed=1,
+        first_slot=0,
+    )  # fmt: skip
     found.reset(np.arange(3))
     return found
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.tasks.inspection.delta_v_scale import DeltaVScale, DeltaVSchedule
+from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule, _RunningSchedule
 
-SCHEDULE = DeltaVSchedule(start=-0.001, bounds=(-0.1, -0.001), change=-0.03, steps_until_update=4, fractions=(0.8, 0.9))
+SCHEDULE = FuelPriceSchedule(delta_v_scale_step=-0.03, steps_until_update=4)
 
 
-def interval(scale: DeltaVScale, *ends: tuple[int, float]) -> np.ndarray:
+def interval(scale: _RunningSchedule, *ends: tuple[int, float]) -> np.ndarray:
     """Run the four steps of an interval, in which episodes end: slot and inspected fraction."""
     for slot, fraction in ends:
         scale.end_episodes(np.array([slot]), np.array([fraction]))
@@ -19,7 +19,7 @@ def interval(scale: DeltaVScale, *ends: tuple[int, float]) -> np.ndarray:
 
 
 def test_the_cost_rises_while_the_inspection_works_and_falls_when_it_does_not():
-    scale = DeltaVScale(SCHEDULE, 1)
+    scale = _RunningSchedule(SCHEDULE, 1)
     np.testing.assert_allclose(interval(scale, (0, 0.95)), [-0.031])
     np.testing.assert_allclose(interval(scale, (0, 0.9)), [-0.061])  # both bounds count
     np.testing.assert_allclose(interval(scale, (0, 0.85)), [-0.061])  # between them nothing moves
@@ -28,7 +28,7 @@ def test_the_cost_rises_while_the_inspection_works_and_falls_when_it_does_not():
 
 
 def test_the_scale_stays_within_its_bounds():
-    scale = DeltaVScale(SCHEDULE, 1)
+    scale = _RunningSchedule(SCHEDULE, 1)
     np.testing.assert_allclose(interval(scale, (0, 0.0)), [-0.001])
     for _ in range(5):
         interval(scale, (0, 1.0))
@@ -36,20 +36,20 @@ def test_the_scale_stays_within_its_bounds():
 
 
 def test_the_mean_over_the_episodes_of_an_interval_counts():
-    scale = DeltaVScale(SCHEDULE, 2)
+    scale = _RunningSchedule(SCHEDULE, 2)
     moved = interval(scale, (0, 1.0), (0, 0.7), (1, 1.0), (1, 0.82))  # means 0.85 and 0.91
     np.testing.assert_allclose(moved, [-0.001, -0.031])
     np.testing.assert_allclose(interval(scale, (1, 0.5)), [-0.001, -0.001])  # what is past does not count again
 
 
 def test_an_interval_without_an_end_changes_nothing():
-    scale = DeltaVScale(SCHEDULE, 1)
+    scale = _RunningSchedule(SCHEDULE, 1)
     interval(scale, (0, 1.0))
     np.testing.assert_allclose(interval(scale), [-0.031])
 
 
 def test_every_slot_counts_its_own_steps():
-    scale = DeltaVScale(SCHEDULE, 2)
+    scale = _RunningSchedule(SCHEDULE, 2)
     scale.end_episodes(np.array([0, 1]), np.array([1.0, 1.0]))
     for step in range(4):
         scale.advance(np.array([True, step > 0]))
@@ -84,7 +84,7 @@ def test_an_abandoned_episode_and_steps_after_the_end_do_not_count(fixed_start):
     for _ in range(10):
         env.step(np.zeros((1, 1, 3)))  # over after two
     assert env.simulation.state.step[0] == 10
-    assert env.simulation.components["FuelPriceSchedule"]._scale._steps[0] == 0  # 1 + 2 steps: an interval, just over
+    assert env.simulation.components["FuelPriceSchedule"]._steps[0] == 0  # 1 + 2 steps: an interval, just over
     env.reset()
     assert env.state.delta_v_scale[0] == -0.001
 
@@ -115,10 +115,10 @@ def test_a_batch_keeps_one_scale_for_each_slot(shipped, first_slot):
 def test_a_restored_scale_continues_as_if_nothing_had_happened():
     rng = np.random.default_rng(2)
     running = np.ones(3, dtype=np.bool_)
-    whole, first = DeltaVScale(SCHEDULE, 3), DeltaVScale(SCHEDULE, 3)
+    whole, first = _RunningSchedule(SCHEDULE, 3), _RunningSchedule(SCHEDULE, 3)
     for step in range(400):
         if step == 237:
-            second = DeltaVScale(SCHEDULE, 3)
+            second = _RunningSchedule(SCHEDULE, 3)
             second.load_state_dict(first.state_dict())
             first = second
         ended = np.flatnonzero(rng.random(3) < 0.1)
@@ -127,8 +127,8 @@ def test_a_restored_scale_continues_as_if_nothing_had_happened():
             scale.end_episodes(ended, fraction)
             scale.advance(running)
         np.testing.assert_array_equal(first.scale, whole.scale)
-    assert np.ptp(whole.scale) > 0.0 or whole.scale[0] != SCHEDULE.start
-    other = DeltaVScale(SCHEDULE, 5)
+    assert np.ptp(whole.scale) > 0.0 or whole.scale[0] != -0.001
+    other = _RunningSchedule(SCHEDULE, 5)
     other.load_state_dict(whole.state_dict())
     np.testing.assert_allclose(other.scale, whole.scale.mean())
 
@@ -137,31 +137,31 @@ def test_a_restored_scale_continues_as_if_nothing_had_happened():
 def test_slots_that_continue_apart_count_as_if_they_had_stayed(rows):
     """Some slots are taken out, continue alone, and are put back; the others wait meanwhile."""
     rng, rows = np.random.default_rng(5), np.array(rows)
-    whole, reference = DeltaVScale(SCHEDULE, 5), DeltaVScale(SCHEDULE, 5)
+    whole, reference = _RunningSchedule(SCHEDULE, 5), _RunningSchedule(SCHEDULE, 5)
     for _ in range(60):
         for scale in (whole, reference):
             scale.advance(np.ones(5, dtype=np.bool_))
-        part, alone = whole.take(rows), np.isin(np.arange(5), rows)
+        part, alone = whole.part(rows), np.isin(np.arange(5), rows)
         for _ in range(int(rng.integers(1, 6))):
             ended, fraction = np.flatnonzero(rng.random(len(rows)) < 0.4), rng.uniform(0.7, 1.0)
             part.end_episodes(ended, np.full(len(ended), fraction))
             reference.end_episodes(rows[ended], np.full(len(ended), fraction))
             part.advance(np.ones(len(rows), dtype=np.bool_))
             reference.advance(alone)
-        whole.put(rows, part)
+        whole.join(part, rows)
         for name, array in reference.state_dict().items():
             np.testing.assert_array_equal(whole.state_dict()[name], array, err_msg=name)
-    assert (np.delete(whole.scale, rows) == SCHEDULE.start).all()
+    assert (np.delete(whole.scale, rows) == -0.001).all()
     assert np.ptp(whole.scale[rows]) >= 0.0
-    assert (whole.scale[rows] != SCHEDULE.start).any()
+    assert (whole.scale[rows] != -0.001).any()
 
 
 def test_a_restored_scale_keeps_to_its_bounds():
-    scale = DeltaVScale(SCHEDULE, 2)
+    scale = _RunningSchedule(SCHEDULE, 2)
     kept = {**scale.state_dict(), "scale": np.array([-5.0, 3.0])}
     scale.load_state_dict(kept)
     np.testing.assert_array_equal(scale.scale, [-0.1, -0.001])
-    other = DeltaVScale(SCHEDULE, 3)
+    other = _RunningSchedule(SCHEDULE, 3)
     other.load_state_dict({name: array[:1] for name, array in kept.items()})
     np.testing.assert_array_equal(other.scale, [-0.1] * 3)
     assert not other.state_dict()["steps"].any()

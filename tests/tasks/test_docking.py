@@ -12,15 +12,16 @@ from scipy.linalg import expm
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
-from safe_inspect.dones import CollisionDoneFunction, DoneStatus
+from safe_inspect.dones import DoneStatus
+from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.platforms import ApproachVelocitySensor
+from safe_inspect.platforms.docking_sensors import ApproachVelocitySensor
 from safe_inspect.policies import DockingAutopilot
-from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
+from safe_inspect.tasks.docking.speed_limit import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
 
 TASK = "safe_inspect/Docking-v0"
 N = 0.001027

@@ -9,12 +9,12 @@ import pytest
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.dynamics.orbit.shadow import earth_shadow
+from safe_inspect.dynamics.orbit.earth import earth_shadow
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import baseline
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.platforms import CoastingInspectionSensor
+from safe_inspect.platforms.outlook_sensors import CoastingInspectionSensor
 
 ROOT = configs_root()
 PLAIN, COASTING = (ROOT / f"translational-inspection/experiment{name}.yml" for name in ("", "-burn-and-coast"))

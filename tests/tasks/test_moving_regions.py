@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
+from safe_inspect.tasks.docking.speed_limit import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed
 
 RADIUS, STEP = 0.5, 1.0
 #: Speed limit 0.2 m/s within 0.5 m, and from there on by a line; the region and the step.

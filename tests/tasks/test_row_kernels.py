@@ -9,16 +9,23 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.geometry.inspection_kernels import Scores
 from safe_inspect.geometry.light import binary_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Credit, Surface
-from safe_inspect.random.balls import draw_in_ball, uniform_at
-from safe_inspect.tasks.disturbances.rows import add_velocity, turn_thrust, write_estimates
-from safe_inspect.tasks.docking.region import DOCKED, OUTSIDE, TOO_FAST, docking_outcome, entry_speed, is_too_fast
-from safe_inspect.tasks.docking.speed_limit import speed_excess, speed_limit
-from safe_inspect.tasks.inspection.camera import ConeCamera, in_cone, inspect_by_camera
-from safe_inspect.tasks.rendezvous.actuators import Actuators
+from safe_inspect.geometry.visibility import Credit, Scores, Surface
+from safe_inspect.random.splitmix import draw_in_ball, uniform_at
+from safe_inspect.tasks.disturbances.component import add_velocity, turn_thrust, write_estimates
+from safe_inspect.tasks.disturbances.thruster_model import Actuators
+from safe_inspect.tasks.docking.speed_limit import (
+    DOCKED,
+    OUTSIDE,
+    TOO_FAST,
+    docking_outcome,
+    entry_speed,
+    is_too_fast,
+    speed_excess,
+    speed_limit,
+)
+from safe_inspect.tasks.inspection.points import ConeCamera, in_cone, inspect_by_camera
 from safe_inspect.tasks.rendezvous.mating import docking_error, is_docked, is_in_contact
 
 ROWS, DEPUTIES = 5, 3

@@ -15,12 +15,11 @@ from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import BatchedEnvironment, load_spec
 from safe_inspect.errors import ConfigError, InitialStateError
-from safe_inspect.geometry.box_distance import BoxArrays, box_distance
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes, box_distance
 from safe_inspect.random.streams import Streams
-from safe_inspect.simulators import ConstantParameter, Draw, UniformParameter
-from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
-from safe_inspect.tasks.rendezvous.shape import boxes_in_principal_axes
+from safe_inspect.simulators import Draw
+from safe_inspect.simulators.resets.parameters import ConstantParameter, UniformParameter
+from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_principal_axes
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 

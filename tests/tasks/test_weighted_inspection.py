@@ -28,20 +28,17 @@ def environment(num_envs: int, seed: int = 1) -> BatchedEnvironment:
     return env
 
 
-def test_a_view_distinguishes_the_own_score_from_that_of_others():
+def test_a_view_distinguishes_the_own_count_from_that_of_others():
     env = TeamEnvironment(load_spec(TEAM), 2, seed=3)
     env.reset()
     state, world = env.state.points["chief"], env.simulation.world
     state.own_count[:] = [[1, 2, 3], [4, 5, 6]]
-    state.own_score[:] = [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
     first = 0
     for group in env.groups:
         own = np.arange(first, first + group.size) + 1
         points = PointsView(View(env.state, world, group), world.points["chief"])
         np.testing.assert_array_equal(points.count_of(), [*own, *own + 3])
-        np.testing.assert_allclose(points.score_of(), [*own / 10.0, *(own + 3) / 10.0])
         np.testing.assert_array_equal(points.count_of("blue1"), np.repeat([2, 5], group.size))
-        np.testing.assert_allclose(points.score_of("blue1"), np.repeat([0.2, 0.5], group.size))
         first += group.size
 
 

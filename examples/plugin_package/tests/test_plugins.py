@@ -10,7 +10,6 @@ from safe_inspect_example import (
     LogUniformParameter,
     OnOffGlue,
     PathLength,
-    PulsedThrust,
     RangeRateSensor,
     RingInitializer,
     ScatteredDone,
@@ -24,7 +23,7 @@ from safe_inspect_example import (
 )
 
 from safe_inspect.dones import DoneStatus
-from safe_inspect.platforms import PositionSensor
+from safe_inspect.platforms.state_sensors import PositionSensor
 from safe_inspect.policies import ThrustLimits
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.constraints import RelativeState
@@ -96,10 +95,9 @@ def test_a_cubesat_has_room_for_some_sensors():
         CubeSat(sensors=2)(sensors)
 
 
-def test_thrusts_are_limited_and_rounded():
+def test_thrusts_are_limited():
     commands = np.array([[0.3, -2.0, 0.0]])
     np.testing.assert_allclose(ThrustUnit(largest="500 mN")(commands), [[0.3, -0.5, 0.0]])
-    np.testing.assert_allclose(PulsedThrust(step=0.2)(np.array([0.29, -0.31, 5.0])), [0.2, -0.4, 0.5])
     glue = OnOffGlue(thrust=0.1)
     assert glue.choices({}) == (3, 3, 3)
     np.testing.assert_allclose(glue(np.array([[0.0, 1.0, 2.0]]), {"ThrustUnit": ThrustUnit()}), [[-0.1, 0.0, 0.1]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
@@ -27,21 +27,25 @@ def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
         "kind", metavar="BASELINE", help="optimiser (open-loop plans made with perfect knowledge), zero-thrust, "
         "random, inspector, or the name of any scripted policy",
     )  # fmt: skip
-    parser.add_argument(
-        "--cfg", metavar="FILE", default=_DEFAULT_CFG, help="experiment file, or id of a task (default: %(default)s)"
-    )
+    add_option(parser, "--cfg", "FILE", "experiment file, or id of a task", default=_DEFAULT_CFG)
     add_overrides(parser)
-    parser.add_argument("--episodes", type=positive, default=100, metavar="N", help="number of episodes (default: 100)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
+    add_option(parser, "--episodes", "N", "number of episodes", positive, 100)
+    add_option(parser, "--seed", "N", "seed of the episodes", seed, 0)
     parser.add_argument(
         "--effort", choices=("quick", "normal", "thorough"), help="how long the optimiser searches (default: normal)"
     )
-    parser.add_argument("--output", type=Path, metavar="FILE", help="write the result to this file, or continue it")
+    add_option(parser, "--output", "FILE", "write the result to this file, or continue it", Path)
     parser.add_argument("--force", action="store_true", help="replace a file of another task, seed or effort")
 
 
 def run_baseline(arguments: argparse.Namespace) -> int:
-    """Run a baseline or optimise plans, and print the table."""
+    """Optimise open-loop plans, or run a scripted policy.
+
+    The optimiser gives the minimum delta-v of each episode with full knowledge of it.
+
+    Example:
+        safe-inspect baseline optimiser --episodes 100 --output optimum.json
+    """
     kind, effort = arguments.kind, arguments.effort
     known = {OPTIMISER, *BASELINES, *(name for name, _ in registry.items("policy"))}
     if kind == "optimizer":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from safe_inspect.cli.common import add_experiment_arguments
@@ -29,7 +30,13 @@ def add_bounds_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bounds(arguments: argparse.Namespace) -> int:
-    """Print the disturbances; return 1 if a filter does not tolerate them."""
+    """Print what disturbs the motion that the safety filter assumes, and whether that is tolerated.
+
+    Orbits, thrusters and estimates declare bounds, which are added up; exits with 1 if the filter needs more.
+
+    Example:
+        safe-inspect bounds configs/translational-inspection/experiment-burn-and-coast-orbits.yml
+    """
     experiment, problems = _load(arguments)
     refused = {problem.path.partition(".")[0] for problem in problems}
     found = list(_filters(experiment))
@@ -49,20 +56,16 @@ def run_bounds(arguments: argparse.Namespace) -> int:
 
 def _load(arguments: argparse.Namespace) -> tuple[Experiment, Sequence[Problem]]:
     """Return the experiment, with the filters disabled that are refused, and why they are."""
-
-    def load(more: Sequence[str] = ()) -> Experiment:
-        overrides = [*arguments.overrides, *more]
-        return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
-
+    load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     try:
-        return load(), ()
+        return load(arguments.overrides), ()
     except ConfigError as error:
         matches = [_REFUSED.fullmatch(problem.path) for problem in error.problems]
         if not all(matches):
             raise
         paths = dict.fromkeys(match[1] for match in matches if match)
         disabled = [path.replace("[", ".").replace("]", "") + ".config.enabled=False" for path in paths]
-        return load(disabled), error.problems
+        return load([*arguments.overrides, *disabled]), error.problems
 
 
 def _filters(experiment: Experiment) -> Iterator[tuple[str, str, Any]]:

@@ -13,6 +13,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments, print_doubts
 from safe_inspect.config.data import configs_root
@@ -36,13 +37,9 @@ _FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
 
 def add_list_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``list``."""
-    parser.add_argument(
-        "kind",
-        nargs="?",
-        metavar="KIND",
-        help=f"one of: tasks, policies, {', '.join(registry.kinds())} (default: all plugins)",
-    )
-    parser.add_argument("name", nargs="?", metavar="NAME", help="name of one plugin, or dotted path of one of your own")
+    kinds = ", ".join(registry.kinds())
+    add_option(parser, "kind", "KIND", f"one of: tasks, policies, {kinds} (default: all plugins)", nargs="?")
+    add_option(parser, "name", "NAME", "name of one plugin, or dotted path of one of your own", nargs="?")
 
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,18 +49,18 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``schema``."""
-    parser.add_argument(
-        "file",
-        nargs="?",
-        metavar="KIND",
-        default="experiment",
-        help=f"kind of file, one of: {', '.join(_SCHEMAS)} (default: experiment)",
-    )
-    parser.add_argument("--output", type=Path, metavar="FILE", help="write the schema to this file (default: print it)")
+    add_option(parser, "file", "KIND", f"kind of file, one of: {', '.join(_SCHEMAS)}", default="experiment", nargs="?")
+    add_option(parser, "--output", "FILE", "write the schema to this file (default: print it)", Path)
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """Print the tasks, the shipped policies, or plugins."""
+    """List tasks, policies, or plugins with their fields, defaults and units.
+
+    Without arguments it lists the plugins of every kind.
+
+    Example:
+        safe-inspect list reward ObservedPointsReward
+    """
     lists = {"tasks": _tasks, "policies": _policies}
     if arguments.kind in lists:
         if arguments.name is not None:
@@ -101,7 +98,13 @@ def _policies() -> str:
 
 
 def run_validate(arguments: argparse.Namespace) -> int:
-    """Check an experiment file, which may be one of a rendezvous."""
+    """Check an experiment file without loading Ray.
+
+    All mistakes are reported together, each with file, line and a suggestion.
+
+    Example:
+        safe-inspect validate configs/docking/experiment.yml lr=1e-4
+    """
     if is_rendezvous(arguments.cfg):
         rendezvous = load_rendezvous(arguments.cfg, arguments.overrides)
         print_doubts(check_scenario(rendezvous))
@@ -119,14 +122,19 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def _is_in(problem: Problem, file: str) -> bool:
     """Return whether a problem is in a file of the user; the package's own files replace lists on purpose."""
-    location = problem.location
-    if location is None or Path(location.file).resolve() != Path(file).resolve():
-        return False
-    return not Path(file).resolve().is_relative_to(configs_root().resolve())
+    location, path = problem.location, Path(file).resolve()
+    is_here = location is not None and Path(location.file).resolve() == path
+    return is_here and not path.is_relative_to(configs_root().resolve())
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
-    """Print the schema of a kind of file."""
+    """Write the JSON schema of a configuration file, for editors.
+
+    Editors use it for completion and for checks while you type.
+
+    Example:
+        safe-inspect schema agent --output agent.schema.json
+    """
     if arguments.file not in _SCHEMAS:
         raise ConfigError(f"there is no kind of file {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
     text = json.dumps(model_schema(_SCHEMAS[arguments.file]), indent=2, sort_keys=True)

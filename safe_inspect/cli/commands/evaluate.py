@@ -8,9 +8,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from safe_inspect.cli.arguments import add_output_folder, positive, seed
-from safe_inspect.cli.common import equals_hint, is_override, refuse_options
+from safe_inspect.cli.arguments import add_option, add_output_folder, positive, seed
+from safe_inspect.cli.common import add_compute_platform, equals_hint, is_override, refuse_options
 from safe_inspect.cli.flights import NUM_ENVS, AnyCandidate, fly_candidates, open_pilot
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import OutputError, SafeInspectError
@@ -36,7 +37,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     _add_flight_arguments(parser)
     add_output_folder(parser, "the results")
-    parser.add_argument("--record", type=positive, metavar="N", help="record the trajectories of the first N episodes")
+    add_option(parser, "--record", "N", "record the trajectories of the first N episodes", positive)
     parser.set_defaults(overrides=[])
 
 
@@ -52,56 +53,38 @@ def add_compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_flight_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--policy", action="append", default=[], metavar="NAME", help="a trained policy of the package")
-    parser.add_argument(
-        "--cfg",
-        metavar="FILE",
-        help="experiment file or id of a task (default: the task in which each policy was trained)",
-    )
-    parser.add_argument("--episodes", type=positive, metavar="N", help="number of episodes (default: 100)")
-    parser.add_argument("--seed", type=seed, metavar="N", help="seed of the episodes (default: 0)")
-    parser.add_argument(
-        "--num-envs",
-        type=positive,
-        default=NUM_ENVS,
-        metavar="N",
-        help="number of episodes run at a time (default: 512)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=positive,
-        metavar="N",
-        help="number of missions of a rendezvous flown at a time, each in a process (default: 1); by Ray with "
-        "address=auto (or HOST:PORT, or local)",
-    )
-    drawn = parser.add_mutually_exclusive_group()
-    drawn.add_argument(
-        "--sampled",
-        action="store_const",
-        const=True,
-        help="draw actions from the policy's distribution (as categorical policies do in any case)",
-    )
-    drawn.add_argument(
-        "--mode", dest="sampled", action="store_const", const=False, help="take the most likely action, or the mean"
-    )
-    parser.add_argument(
-        "--metric", action="append", default=[], metavar="NAME", help="additional metric: a name from `safe-inspect "
-        "list metric`, a dotted path, or {functor: NAME, config: {...}}",
+    append: dict[str, Any] = {"action": "append", "default": []}
+    add_option(parser, "--policy", "NAME", "a trained policy of the package", **append)
+    cfg = "experiment file or id of a task (default: the task in which each policy was trained)"
+    add_option(parser, "--cfg", "FILE", cfg)
+    add_option(parser, "--episodes", "N", "number of episodes (default: 100)", positive)
+    add_option(parser, "--seed", "N", "seed of the episodes (default: 0)", seed)
+    add_option(parser, "--num-envs", "N", "number of episodes run at a time", positive, NUM_ENVS)
+    add_option(
+        parser, "--workers", "N", "number of missions of a rendezvous flown at a time, each in a process (default: 1); "
+        "by Ray with address=auto (or HOST:PORT, or local)", positive,
     )  # fmt: skip
-    parser.add_argument(
-        "--reference",
-        type=Path,
-        metavar="FILE",
-        help="file of `safe-inspect baseline optimiser`; adds the ratio to the optimum",
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
-    parser.add_argument(
-        "--compute-platform", default="local", metavar="NAME", help="entry of the task's rllib_configs (default: local)"
-    )
+    drawn = parser.add_mutually_exclusive_group()
+    sampled = "draw actions from the policy's distribution (as categorical policies do in any case)"
+    drawn.add_argument("--sampled", action="store_const", const=True, help=sampled)
+    mode = "take the most likely action, or the mean"
+    drawn.add_argument("--mode", dest="sampled", action="store_const", const=False, help=mode)
+    metric = "additional metric: a name from `safe-inspect list metric`, a dotted path, or "
+    add_option(parser, "--metric", "NAME", f"{metric}{{functor: NAME, config: {{...}}}}", **append)
+    reference = "file of `safe-inspect baseline optimiser`; adds the ratio to the optimum"
+    add_option(parser, "--reference", "FILE", reference, Path)
+    add_option(parser, "--json", "FILE", "write the results to this file", Path)
+    add_compute_platform(parser)
 
 
 def run_evaluate(arguments: argparse.Namespace) -> int:
-    """Evaluate every source and print its table."""
+    """Run episodes of policies and print what they achieve.
+
+    An interrupted evaluation with --output continues where it stopped.
+
+    Example:
+        safe-inspect evaluate --policy docking --episodes 100 --output results/docking
+    """
     sources = _sources(arguments)
     if not sources and not (arguments.cfg is not None and is_rendezvous(arguments.cfg)):
         if arguments.cfg is not None:
@@ -140,7 +123,13 @@ def _print_tables(found: Sequence[Evaluation]) -> None:
 
 
 def run_compare(arguments: argparse.Namespace) -> int:
-    """Print a comparison of evaluations of the same episodes."""
+    """Compare policies on the same episodes.
+
+    Differences are paired by episode and have bootstrap intervals.
+
+    Example:
+        safe-inspect compare results/docking zero-thrust
+    """
     sources = _sources(arguments)
     if len(sources) < 2:
         twice = len(arguments.words) + len(arguments.policy) - len(arguments.overrides) > 1
@@ -190,9 +179,8 @@ def _check_unused(arguments: argparse.Namespace, sources: Sequence[str], found: 
 
 def _sources(arguments: argparse.Namespace) -> list[str]:
     """Return the sources among the words of the command line; the others are overrides."""
-    words = [*arguments.words]
-    texts = [word for word in words if not is_override(word)]
-    arguments.overrides = [*(word for word in words if word not in texts), *arguments.overrides]
+    texts = [word for word in arguments.words if not is_override(word)]
+    arguments.overrides = [*filter(is_override, arguments.words), *arguments.overrides]
     for text in texts:
         if ":" in text and not os.path.exists(text):
             raise SafeInspectError(f"there is no policy {text!r}; {equals_hint(text)}")

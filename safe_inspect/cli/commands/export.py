@@ -6,30 +6,34 @@ import argparse
 import os
 from pathlib import Path
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.files.checkpoints import newest_checkpoint
+from safe_inspect.experiments.files.checkpoints import newest_checkpoint, policy_names
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``export``."""
-    parser.add_argument(
-        "checkpoint", metavar="CHECKPOINT", help="folder of a checkpoint, or of a training run (its newest checkpoint)"
-    )
-    parser.add_argument("--policy", metavar="NAME", help="name of the policy, if the checkpoint contains several")
-    parser.add_argument(
-        "--output", type=Path, metavar="FILE", help="ONNX file (default: POLICY.onnx in the working directory)"
-    )
-    parser.add_argument("--cfg", metavar="FILE", help="experiment of the training (default: that of the run)")
+    checkpoint = "folder of a checkpoint, or of a training run (its newest checkpoint)"
+    add_option(parser, "checkpoint", "CHECKPOINT", checkpoint)
+    add_option(parser, "--policy", "NAME", "name of the policy, if the checkpoint contains several")
+    add_option(parser, "--output", "FILE", "ONNX file (default: POLICY.onnx in the working directory)", Path)
+    add_option(parser, "--cfg", "FILE", "experiment of the training (default: that of the run)")
     add_overrides(parser)
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Write the file and print its largest difference from the checkpoint."""
+    """Write a trained policy as an ONNX file.
+
+    The file contains the network, the normalizers and the configuration.
+
+    Example:
+        safe-inspect export output/RUN --output policy.onnx
+    """
     if arguments.output is not None:
         check_ending(arguments.output, [".onnx"], "policy file")
     if arguments.overrides and arguments.cfg is None:
@@ -39,9 +43,9 @@ def run_export(arguments: argparse.Namespace) -> int:
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
         raise CheckpointError(f"{arguments.checkpoint} is already shipped as ONNX; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
-    from safe_inspect.experiments.export.export import export_policy, policies_in  # loads Ray and Torch
+    from safe_inspect.experiments.export.export import export_policy  # loads Ray and Torch
 
-    names = policies_in(checkpoint)
+    names = policy_names(checkpoint)
     policy = arguments.policy
     if policy is None:
         if len(names) > 1:

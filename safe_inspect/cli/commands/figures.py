@@ -5,35 +5,43 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from safe_inspect.cli.arguments import positive, positive_number, seed, whole_number
-from safe_inspect.cli.commands.mission_figures import (
-    draw_mission,
-    is_mission_source,
-    mission_film,
-    print_mission,
-    view_mission,
-)
+from safe_inspect.cli.arguments import add_option, positive, positive_number, seed, whole_number
 from safe_inspect.cli.common import add_overrides, refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.evaluation.results.files import is_evaluation, read_trajectories
+from safe_inspect.evaluation.results.files import (
+    is_evaluation,
+    read_evaluation,
+    read_evaluation_record,
+    read_trajectories,
+)
+from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
-from safe_inspect.experiments.runs.recipes import learning_curves_in, one_recipe, recipes_of
+from safe_inspect.experiments.runs.trials import learning_curves_in, one_recipe, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.learning_curves import curves_figure
 from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.figures.pictures import find_ffmpeg, save_film
+from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
+from safe_inspect.figures.rendezvous.mission_figure import mission_figure, outcome_of
+from safe_inspect.figures.rendezvous.mission_film import MissionFilm
+from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 from safe_inspect.outputs import check_ending
+from safe_inspect.rendezvous.missions.record import read_mission
 
 _FILMS = (".gif", ".mp4")
 _PAGES = (".html", ".htm")
+#: Files in the folder of a mission, in addition to the resolved experiment.
+_MISSION = ("events.jsonl", "log.npz")
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,66 +52,44 @@ def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
 def add_film_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``film``."""
     _add_episode_arguments(parser, "episode.gif", "film (.gif or .mp4)")
-    parser.add_argument("--frames", type=positive, default=200, metavar="N", help="number of frames (default: 200)")
-    parser.add_argument("--fps", type=positive, default=25, metavar="N", help="frames per second (default: 25)")
-    parser.add_argument("--width", type=positive, default=800, metavar="N", help="width in pixels (default: 800)")
-    parser.add_argument(
-        "--turn", type=float, default=0.0, metavar="DEGREES", help="rotate the camera by this angle over the film"
-    )
+    add_option(parser, "--frames", "N", "number of frames", positive, 200)
+    add_option(parser, "--fps", "N", "frames per second", positive, 25)
+    add_option(parser, "--width", "N", "width in pixels", positive, 800)
+    add_option(parser, "--turn", "DEGREES", "rotate the camera by this angle over the film", float, 0.0)
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``view``."""
     _add_episode_arguments(parser, "episode.html", "page (.html)")
-    parser.add_argument("--title", metavar="TEXT", help="title of the page (default: source and episode)")
+    add_option(parser, "--title", "TEXT", "title of the page (default: source and episode)")
 
 
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``curves``."""
-    parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="folder of a training run, a search or a trial; runs that differ only "
-        "in their seed are one recipe",
-    )  # fmt: skip
-    parser.add_argument(
-        "--label", action="append", default=[], metavar="TEXT", help="label: once for each RUN (runs with equal "
-        "labels are one recipe), or once for each recipe",
-    )  # fmt: skip
-    parser.add_argument(
-        "--recipe",
-        action="append",
-        default=[],
-        nargs="+",
-        metavar="TEXT",
-        help="a label followed by the RUNs of one recipe",
-    )
-    parser.add_argument(
-        "--centre",
-        choices=("mean", "iqm"),
-        default="mean",
-        help="mean or interquartile mean over seeds (default: mean)",
-    )
+    append: dict[str, Any] = {"action": "append", "default": []}
+    runs = "folder of a training run, a search or a trial; runs that differ only in their seed are one recipe"
+    parser.add_argument("runs", nargs="*", metavar="RUN", help=runs)
+    label = "label: once for each RUN (runs with equal labels are one recipe), or once for each recipe"
+    add_option(parser, "--label", "TEXT", label, **append)
+    add_option(parser, "--recipe", "TEXT", "a label followed by the RUNs of one recipe", nargs="+", **append)
+    centre = "mean or interquartile mean over seeds (default: mean)"
+    parser.add_argument("--centre", choices=("mean", "iqm"), default="mean", help=centre)
     parser.add_argument("--each", action="store_true", help="also draw a line for each seed")
-    parser.add_argument(
-        "--output", type=Path, default=Path("curves.png"), metavar="FILE", help="figure (default: curves.png)"
-    )
+    add_option(parser, "--output", "FILE", "figure", Path, Path("curves.png"))
 
 
 def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: str) -> None:
-    parser.add_argument(
-        "source", metavar="SOURCE", help="folder of a checkpoint or a training run, ONNX file, name of a policy, or "
-        "the output of `evaluate --record` or `rendezvous --output`",
+    add_option(
+        parser, "source", "SOURCE", "folder of a checkpoint or a training run, ONNX file, name of a policy, or the "
+        "output of `evaluate --record` or `rendezvous --output`",
     )  # fmt: skip
     add_overrides(parser)
-    parser.add_argument(
-        "--cfg", metavar="FILE", help="experiment file, or id of a task (default: the policy's own task)"
-    )
-    parser.add_argument("--episode", type=_number, default=0, metavar="N", help="number of the episode (default: 0)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the episodes (default: 0)")
-    parser.add_argument(
-        "--until", type=_seconds, metavar="SECONDS", help="show the episode, or the mission, up to this time"
-    )
+    add_option(parser, "--cfg", "FILE", "experiment file, or id of a task (default: the policy's own task)")
+    add_option(parser, "--episode", "N", "number of the episode", _number, 0)
+    add_option(parser, "--seed", "N", "seed of the episodes", seed, 0)
+    add_option(parser, "--until", "SECONDS", "show the episode, or the mission, up to this time", _seconds)
     default = f"(default: {output}, or mission{Path(output).suffix} of a rendezvous)"
-    parser.add_argument("--output", type=Path, metavar="FILE", help=f"{what} {default}")
+    add_option(parser, "--output", "FILE", f"{what} {default}", Path)
 
 
 def _number(text: str) -> int:
@@ -115,18 +101,31 @@ def _seconds(text: str) -> float:
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
-    """Draw a figure of one episode or one mission."""
+    """Draw an episode: the trajectory and its quantities over time.
+
+    Writes a PNG, PDF or SVG file.
+
+    Example:
+        safe-inspect draw inspector --seed 1 --output episode.png
+    """
     is_mission = _prepare(arguments, "png", FIGURE_ENDINGS, "figure")
     require_matplotlib()
-    if is_mission:
-        return draw_mission(arguments)
-    episode, _ = _episode(arguments)
-    save(trajectory_figure(episode), arguments.output)
-    return _report(arguments.output, episode)
+    folder = Path(arguments.source).expanduser()
+    if is_mission and _is_campaign(folder):
+        return _draw_campaign(arguments, folder)
+    shown, _ = _mission(arguments) if is_mission else _episode(arguments)
+    save(mission_figure(shown) if is_mission else trajectory_figure(shown), arguments.output)
+    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
 
 
 def run_film(arguments: argparse.Namespace) -> int:
-    """Write an animation of one episode or one mission."""
+    """Write an animation of an episode (GIF or MP4).
+
+    MP4 needs the extra [film].
+
+    Example:
+        safe-inspect film inspector --seed 1 --output episode.gif
+    """
     is_mission = _prepare(arguments, "gif", _FILMS, "film")
     require_matplotlib()
     if not 2 <= arguments.frames <= 20_000 or not 320 <= arguments.width <= 3840 or arguments.fps > 100:
@@ -135,30 +134,37 @@ def run_film(arguments: argparse.Namespace) -> int:
         find_ffmpeg()
     with EpisodeBar("pictures") as bar:
         bar.show(0, arguments.frames)
-        if is_mission:
-            mission = mission_film(arguments)
-            save_film(mission, arguments.output, arguments.fps, bar.show)
-        else:
-            episode, _ = _episode(arguments)
-            film = Film(episode, arguments.frames, arguments.width, arguments.turn)
-            save_film(film, arguments.output, arguments.fps, bar.show)
-    return print_mission(arguments, mission.record) if is_mission else _report(arguments.output, episode)
+        shown, _ = _mission(arguments) if is_mission else _episode(arguments)
+        film = MissionFilm if is_mission else Film
+        save_film(
+            film(shown, arguments.frames, arguments.width, arguments.turn), arguments.output, arguments.fps, bar.show
+        )
+    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
 
 
 def run_view(arguments: argparse.Namespace) -> int:
-    """Write the page of one episode or one mission."""
-    if _prepare(arguments, "html", _PAGES, "page"):
-        return view_mission(arguments)
-    episode, task = _episode(arguments)
-    source = Path(arguments.source)
-    seed = "" if _is_recording(source.expanduser()) else f" of seed {arguments.seed}"
-    title = arguments.title or f"{source.name}{task and f', {task}'}, episode {episode.slot}{seed}"
-    save_page(episode_page(episode, title), arguments.output)
-    return _report(arguments.output, episode)
+    """Write an episode as an interactive HTML page.
+
+    The page opens without a server and without a network.
+
+    Example:
+        safe-inspect view inspector --seed 1 --output episode.html
+    """
+    is_mission = _prepare(arguments, "html", _PAGES, "page")
+    shown, title = _mission(arguments) if is_mission else _episode(arguments)
+    page = mission_page if is_mission else episode_page
+    save_page(page(shown, arguments.title or title), arguments.output)
+    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
 
 
 def run_curves(arguments: argparse.Namespace) -> int:
-    """Draw the learning curves of runs."""
+    """Draw learning curves with bands over training seeds.
+
+    Runs that differ only in their seed become one curve.
+
+    Example:
+        safe-inspect curves output/RUN_1 output/RUN_2 --output curves.png
+    """
     check_ending(arguments.output, FIGURE_ENDINGS, "figure")
     runs = arguments.runs
     if len(runs) > 1 and not arguments.label:  # as in `curves output/*`
@@ -188,25 +194,34 @@ def run_curves(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _episode(arguments: argparse.Namespace) -> tuple[Trajectory, str]:
-    """Return the episode of the command line, evaluated or read from a recording, and the name of its task."""
-    task, source = "", Path(arguments.source).expanduser()
-    if _is_recording(source):
+def _episode(arguments: argparse.Namespace) -> tuple[Any, str]:
+    """Return the episode of the command line, evaluated or read from a recording, and a title."""
+    source = Path(arguments.source).expanduser()
+    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file() or is_evaluation(source):
         episode = _recorded(arguments, source)
+        title = f"{source.name}, episode {episode.slot}"
     else:
         (candidate,) = open_candidates([arguments.source], Wanted(arguments.cfg, tuple(arguments.overrides)))
         episode = record_episode(candidate.spec, candidate.policies, arguments.episode, arguments.seed)
-        task = str(candidate.experiment.config.config.config.env_config.TrialName)
+        task = candidate.experiment.config.config.config.env_config.TrialName
+        title = f"{source.name}, {task}, episode {episode.slot} of seed {arguments.seed}"
+    return _until(arguments, episode, lambda episode: len(episode.time)), title
+
+
+def _mission(arguments: argparse.Namespace) -> tuple[Any, str]:
+    """Return the recorded mission of the command line, and a title."""
+    record, name = read_mission(arguments.source), Path(arguments.source).resolve().name
+    return _until(arguments, record, lambda record: len(record.arrays["t"])), f"Rendezvous {name}"
+
+
+def _until(arguments: argparse.Namespace, record: Any, steps: Callable[[Any], int]) -> Any:
+    """Return an episode or a mission up to the time of ``--until``, if it is given."""
     if arguments.until is None:
-        return episode, task
-    episode = episode.until(arguments.until)
-    if len(episode.time) < 2:
+        return record
+    record = record.until(arguments.until)
+    if steps(record) < 2:
         raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
-    return episode, task
-
-
-def _is_recording(source: Path) -> bool:
-    return source.suffix == ".parquet" or (source / "trajectories.parquet").is_file() or is_evaluation(source)
+    return record
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
@@ -219,13 +234,24 @@ def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
     return episodes[arguments.episode]
 
 
-def _report(path: Path, episode: Trajectory) -> int:
+def _draw_campaign(arguments: argparse.Namespace, folder: Path) -> int:
+    if arguments.until is not None:
+        raise SafeInspectError(f"{folder}: --until is for one mission, not several; remove it")
+    evaluation = read_evaluation(folder)
+    save(campaign_figure(evaluation), arguments.output)
+    print(f"{arguments.output}: {len(evaluation)} missions, {ends(evaluation.team)}")
+    return 0
+
+
+def _outcome(episode: Trajectory) -> str:
     points = int((episode.inspected_at < float("inf")).sum())
     inspected = f"{points} of {len(episode.points)} points, " if len(episode.points) else ""
-    print(
-        f"{path}: episode {episode.slot}, {episode.time[-1] / 60.0:.1f} min, {inspected}"
-        f"delta-v {episode.delta_v[-1].sum():.3f} m/s, {path.stat().st_size / 1000.0:.0f} kB"
-    )
+    minutes, delta_v = episode.time[-1] / 60.0, episode.delta_v[-1].sum()
+    return f"episode {episode.slot}, {minutes:.1f} min, {inspected}delta-v {delta_v:.3f} m/s"
+
+
+def _report(path: Path, outcome: str) -> int:
+    print(f"{path}: {outcome}, {path.stat().st_size / 1000.0:.0f} kB")
     return 0
 
 
@@ -236,3 +262,30 @@ def _prepare(arguments: argparse.Namespace, ending: str, endings: tuple[str, ...
         arguments.output = Path(f"{'mission' if flown else 'episode'}.{ending}")
     check_ending(arguments.output, endings, what)
     return flown
+
+
+def is_mission_source(arguments: argparse.Namespace) -> bool:
+    """Return whether the command line names the folder of one mission, or of several missions to draw.
+
+    Raises:
+        SafeInspectError: It names the folder of several missions to film or view, or has options that do not apply to
+            a mission.
+    """
+    folder = Path(arguments.source).expanduser()
+    if _is_campaign(folder):
+        if arguments.command != "draw":
+            raise SafeInspectError(
+                f"{folder}: the evaluation of a rendezvous only has the results of its missions; run one of them with "
+                "`rendezvous --episode N --output FOLDER`"
+            )
+    elif not any((folder / name).is_file() for name in _MISSION):
+        return False
+    options = {"--cfg": arguments.cfg, "KEY=VALUE": arguments.overrides, "--seed": arguments.seed}
+    options["--episode"] = arguments.episode
+    refuse_options(options, "has no effect on a recorded mission", source=folder)
+    return True
+
+
+def _is_campaign(folder: Path) -> bool:
+    """Return whether a folder contains the evaluation of a rendezvous."""
+    return is_evaluation(folder) and "rendezvous" in read_evaluation_record(folder)["task"]

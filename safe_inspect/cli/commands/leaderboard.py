@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.cli.arguments import positive
+from safe_inspect.cli.arguments import add_option, positive
 from safe_inspect.cli.episode_bar import EpisodeBar
-from safe_inspect.cli.flights import fly_candidates
+from safe_inspect.cli.flights import NUM_ENVS, fly_candidates
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
@@ -44,18 +44,12 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
         "files", nargs="*", type=Path, metavar="FILE", help="YAML file of boards; further files add rows to boards of "
         "the same title (default: configs/leaderboard.yml)",
     )  # fmt: skip
-    parser.add_argument("--output", type=Path, metavar="FILE", help="write the page to this Markdown file")
-    parser.add_argument(
-        "--results", type=Path, metavar="FOLDER", default=Path("output/leaderboard"), help="folder of the episodes of "
-        "every row; rows that have not changed are not run again (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--board", action="append", default=[], metavar="TEXT", help="title of a board; the others are left out"
-    )
-    parser.add_argument("--episodes", type=positive, metavar="N", help="override the number of episodes")
-    parser.add_argument(
-        "--num-envs", type=positive, default=512, metavar="N", help="number of episodes run at a time (default: 512)"
-    )
+    add_option(parser, "--output", "FILE", "write the page to this Markdown file", Path)
+    results = "folder of the episodes of every row; rows that have not changed are not run again"
+    add_option(parser, "--results", "FOLDER", results, Path, Path("output/leaderboard"))
+    add_option(parser, "--board", "TEXT", "title of a board; the others are left out", action="append", default=[])
+    add_option(parser, "--episodes", "N", "override the number of episodes", positive)
+    add_option(parser, "--num-envs", "N", "number of episodes run at a time", positive, NUM_ENVS)
 
 
 @dataclass(frozen=True)
@@ -72,7 +66,13 @@ class _Entry:
 
 
 def run_leaderboard(arguments: argparse.Namespace) -> int:
-    """Run every row without a stored result, and write the page."""
+    """Run baselines, trained policies and yours on the same episodes, and write a table.
+
+    Rows that have not changed since the last call are not run again.
+
+    Example:
+        safe-inspect leaderboard --episodes 100 --output leaderboard.md
+    """
     leaderboard = read_leaderboard(arguments.files or [configs_root() / "leaderboard.yml"])
     titles = [board.title for board in leaderboard.boards]
     for title in arguments.board:

@@ -1,4 +1,4 @@
-"""The command ``safe-inspect rendezvous``."""
+"""The commands ``safe-inspect rendezvous``, ``record-log`` and ``characterise``."""
 
 from __future__ import annotations
 
@@ -9,14 +9,31 @@ from typing import TextIO
 
 import numpy as np
 
-from safe_inspect.cli.arguments import add_output_folder, natural
+from safe_inspect.cli.arguments import add_option, add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
+from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
+from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
-from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
 from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.rendezvous.missions.summary import mission_table
+from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
+from safe_inspect.rendezvous.recording.estimation import (
+    estimate_log,
+    estimate_table,
+    in_principal_axes,
+    mating_point_text,
+    pick_point,
+    summary_of,
+    write_estimate,
+)
+from safe_inspect.rendezvous.recording.plausibility import check_log
+from safe_inspect.rendezvous.recording.reader import read_sensor_log
+from safe_inspect.rendezvous.recording.record import record_watch
 
 #: Mission time between two progress updates [s], on a terminal and elsewhere.
 _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
@@ -25,16 +42,20 @@ _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rendezvous``."""
     add_experiment_file(parser)
-    parser.add_argument(
-        "--episode", type=natural, default=0, metavar="N", help="fly episode N of an evaluation (default: 0)"
-    )
+    add_option(parser, "--episode", "N", "fly episode N of an evaluation", natural, 0)
     parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")
 
 
 def run_rendezvous(arguments: argparse.Namespace) -> int:
-    """Run one mission and print its table; return 1 if it has failed."""
+    """Fly to a point on a tumbling target.
+
+    Prints the course of the mission and its result; exits with 1 if it has failed. `evaluate` flies many.
+
+    Example:
+        safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission
+    """
     if arguments.missions is not None:
         raise SafeInspectError(
             f"--missions has been removed; run several with `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
@@ -93,3 +114,100 @@ class _MissionLines:
     def _show(self, line: str) -> None:
         self._stream.write(f"\r{line}\x1b[K" if self._is_terminal else f"{line}\n")
         self._stream.flush()
+
+
+FIGURE = "estimate.png"
+
+
+def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``record-log``."""
+    add_experiment_file(parser)
+    add_output_folder(parser, "the log", required=True)
+    add_option(parser, "--seconds", "SECONDS", "length of the log", positive_number, 120.0)
+    add_option(parser, "--period", "SECONDS", "time between two frames", positive_number, 1.0)
+    add_option(parser, "--mission", "N", "draw the tumble of mission N", natural, 0)
+    parser.add_argument("--images", choices=("npz", "png"), default="npz", help="format of the frames (default: npz)")
+
+
+def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``characterise``."""
+    add_option(parser, "folder", "FOLDER", "folder of a sensor log")
+    target = "known target: a YAML file with the key `target`, such as an experiment, or a mesh (STL, PLY or OBJ)"
+    add_option(parser, "--target", "FILE", target)
+    front_end = "front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
+    add_option(parser, "--front-end", "NAME", front_end)
+    pick = "print the mating point at a distance [m] above what a pixel of a frame sees"
+    add_option(parser, "--pick", "FRAME,COLUMN,ROW,DISTANCE", pick)
+    add_output_folder(parser, "estimate, tables and figure")
+
+
+def run_record_log(arguments: argparse.Namespace) -> int:
+    """Record depth images and inertial samples of a simulated tumbling target.
+
+    The log is the input of `characterise`; docs/rendezvous.md describes its format.
+
+    Example:
+        safe-inspect record-log configs/tumbling-rendezvous/experiment.yml --output output/log --seconds 30
+    """
+    print_loading()
+    experiment = load_rendezvous(arguments.cfg, arguments.overrides)
+    print_doubts(check_scenario(experiment))
+    config = experiment.config
+    steps = arguments.period / config.mission.step
+    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise SafeInspectError(
+            f"--period {arguments.period:g} is not a multiple of the control step, {config.mission.step:g} s; round it"
+        )
+    sensors = config.sensors.model_copy(update={"frame_period": arguments.period})
+    config = config.model_copy(update={"sensors": sensors})
+    with EpisodeBar("frames") as bar, output_folder(arguments) as folder:
+        assert folder is not None, "--output is required"
+        count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
+    print(f"{count} frames are in {arguments.output}")
+    return 0
+
+
+def run_characterise(arguments: argparse.Namespace) -> int:
+    """Estimate from a sensor log how a target tumbles.
+
+    Works on simulated logs and on your own, with or without a model of the target.
+
+    Example:
+        safe-inspect characterise output/log --target configs/tumbling-rendezvous/experiment.yml
+    """
+    print_loading()
+    log = read_sensor_log(arguments.folder)
+    print_doubts(check_log(log))
+    target = None if arguments.target is None else read_target(arguments.target)
+    name = arguments.front_end or ("GicpSubmapFrontEnd" if target is None else "ModelFrontEnd")
+    front_end: FrontEnd = registry.get("front_end", name)()
+    picked = None if arguments.pick is None else _picked(arguments.pick)
+    above = None if picked is None else pick_point(log, *picked)
+    with output_folder(arguments) as folder:
+        with EpisodeBar("frames") as bar:
+            bar.show(0, len(log))
+            estimate = estimate_log(log, PipelineEstimator(front_end=front_end), target, bar.show)
+        if folder is not None:
+            write_estimate(folder, log, estimate)
+            save(estimate_figure(log, estimate), folder / FIGURE)
+    print(estimate_table(summary_of(log, estimate)))
+    if picked is not None and above is not None:
+        point = in_principal_axes(log, estimate, picked[0], above)
+        print(f"mating_point: {mating_point_text(point)}  # in the estimated principal axes")
+    if arguments.output is not None:
+        print(f"the estimate is in {arguments.output}")
+    return 0
+
+
+def _picked(text: str) -> tuple[int, int, int, float]:
+    parts = text.split(",")
+    try:
+        frame, column, row = (int(part) for part in parts[:3])
+        (distance,) = (float(part) for part in parts[3:])
+        if not math.isfinite(distance):
+            raise ValueError
+    except ValueError:
+        raise SafeInspectError(
+            f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
+        ) from None
+    return frame, column, row, distance

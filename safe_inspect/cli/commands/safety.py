@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
-from safe_inspect.cli.arguments import positive, seed
+from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
@@ -23,35 +24,31 @@ from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``safety``."""
     add_experiment_arguments(parser)
-    parser.add_argument(
-        "--steps", type=positive, default=1_000_000, metavar="N", help="number of filtered steps (default: 1000000)"
-    )
-    parser.add_argument(
-        "--num-envs", type=positive, default=1024, metavar="N", help="number of environments (default: 1024)"
-    )
-    parser.add_argument(
-        "--seed", type=seed, default=0, metavar="N", help="seed of initial states and adversaries (default: 0)"
-    )
+    add_option(parser, "--steps", "N", "number of filtered steps", positive, 1_000_000)
+    add_option(parser, "--num-envs", "N", "number of environments", positive, 1024)
+    add_option(parser, "--seed", "N", "seed of initial states and adversaries", seed, 0)
     parser.add_argument("--off", action="store_true", help="switch the filter off; otherwise it is switched on")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the safety quantities of the worst episode")
-    parser.add_argument(
-        "--audit", type=positive, metavar="N",
-        help="start from states near the limits, with this filter and N filters of random parameters and constraints",
-    )  # fmt: skip
+    add_option(parser, "--plot", "FILE", "plot the safety quantities of the worst episode", Path)
+    audits = "start from states near the limits, with this filter and N filters of random parameters and constraints"
+    add_option(parser, "--audit", "N", audits, positive)
 
 
 def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``acceptance``."""
     add_experiment_arguments(parser)
-    parser.add_argument(
-        "--draws", type=positive, default=100_000, metavar="N", help="number of initial states (default: 100000)"
-    )
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the draws (default: 0)")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="plot the drawn and the accepted states")
+    add_option(parser, "--draws", "N", "number of initial states", positive, 100_000)
+    add_option(parser, "--seed", "N", "seed of the draws", seed, 0)
+    add_option(parser, "--plot", "FILE", "plot the drawn and the accepted states", Path)
 
 
 def run_safety(arguments: argparse.Namespace) -> int:
-    """Print the safety report; return 1 if a constraint was violated."""
+    """Run adversaries against the safety filter and count violations.
+
+    Constraints are checked at the steps and at moments between them; exits with 1 if one was violated.
+
+    Example:
+        safe-inspect safety configs/docking/experiment.yml --steps 20000
+    """
     if arguments.audit is not None:
         return _run_audit(arguments)
     _check_plot(arguments)
@@ -89,7 +86,14 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 
 
 def run_acceptance(arguments: argparse.Namespace) -> int:
-    """Print the acceptance rates."""
+    """Print the share of random initial states that is safe.
+
+    It also prints which constraint refuses the others, which of them `alone`, and how many have no backup plan
+    (`recoverable`).
+
+    Example:
+        safe-inspect acceptance configs/translational-inspection/experiment.yml
+    """
     _check_plot(arguments)
     spec = _load(arguments).spec
     found = acceptance(spec, arguments.draws, arguments.seed)
@@ -115,10 +119,7 @@ def _check_plot(arguments: argparse.Namespace) -> None:
 
 def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:
     """Load the experiment, with its safety glue enabled or disabled if requested."""
-
-    def load(overrides: list[str]) -> Experiment:
-        return load_experiment(arguments.cfg, overrides, compute_platform=arguments.compute_platform)
-
+    load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     experiment = load(arguments.overrides)
     if enabled is None:
         return experiment

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.experiment import Experiment, load_experiment
@@ -19,36 +20,33 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.experiments.files.run_folder import open_run_folder
-from safe_inspect.experiments.runs.recipes import recipes_of
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
-from safe_inspect.experiments.runs.trials import trial_table
+from safe_inspect.experiments.runs.trials import recipes_of, trial_table
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.team import TeamSafety
 
 
 def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``train``."""
     add_experiment_arguments(parser, needed=False)
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="parent of the run folder (default: output_path of the experiment)",
-    )
-    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="continue the training run in this folder")
-    parser.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="validate, build and step the environment, print its layout, and stop; Ray is not started",
-    )
+    output = "parent of the run folder (default: output_path of the experiment)"
+    add_option(parser, "--output", "FOLDER", output, Path)
+    add_option(parser, "--resume", "FOLDER", "continue the training run in this folder", Path)
+    dry_run = "validate, build and step the environment, print its layout, and stop; Ray is not started"
+    parser.add_argument("--dry-run", action="store_true", help=dry_run)
 
 
 def run_train(arguments: argparse.Namespace) -> int:
-    """Start a training, continue one, or only try the experiment out."""
+    """Train a policy; the same as python -m safe_inspect.train_rl.
+
+    Progress, checkpoints, progress.csv and TensorBoard logs go to a new run folder.
+
+    Example:
+        safe-inspect train configs/docking/experiment-recipe.yml lr=1e-4
+    """
     cfg = arguments.cfg
     if cfg is None and arguments.resume is not None:
         cfg = open_run_folder(arguments.resume).configuration

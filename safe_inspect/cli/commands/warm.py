@@ -24,7 +24,13 @@ def add_warm_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_warm(arguments: argparse.Namespace) -> int:
-    """Compile the functions that environments need, and print the time of each."""
+    """Compile ahead what environments need, for a container image or CI.
+
+    Machine code serves the processor that it is compiled on; for others set NUMBA_CPU_NAME=generic for both.
+
+    Example:
+        safe-inspect warm safe_inspect/FilteredTranslationalInspection-v1
+    """
     folder = kept_in()
     if folder is None:
         raise SafeInspectError("the folder for machine code cannot be written; set another with NUMBA_CACHE_DIR")

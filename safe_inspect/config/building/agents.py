@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.building.world import WorldValues, in_world, plugins_of
-from safe_inspect.config.messages.messages import text_of
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import Place, functor_problems
 from safe_inspect.config.models.experiment import AgentBody, AgentEntry
 from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
-from safe_inspect.dones.time_limit import EpisodeLengthDone
+from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.errors import UnitError, did_you_mean, not_named
+from safe_inspect.glues.actions import CoastGlue
 from safe_inspect.glues.base import ActionGlue, Glue, ObservationGlue
-from safe_inspect.glues.coast_glue import CoastGlue
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.plugins.functor import Named, build
+from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rewards.timely import WinLoseDoneReward
@@ -36,77 +36,74 @@ class AgentSetting:
         names: Names that fields of plugins may refer to, by kind, without those that belong to one agent.
         simulator: The simulator.
         horizon: Largest number of steps of an episode.
-        report: Function that is called with the path and the message of every mistake.
     """
 
     platforms: Mapping[str, Platform]
     names: Mapping[str, set[str]]
     simulator: Simulator
     horizon: int
-    report: ReportProblem
 
 
-def build_agent(entry: AgentEntry, where: KeyTuple, world: WorldValues, setting: AgentSetting) -> AgentSpec | None:
+def build_agent(entry: AgentEntry, place: Place, world: WorldValues, setting: AgentSetting) -> AgentSpec | None:
     """Return an agent with the values of its world, or None if it has no platform.
 
     Args:
         entry: The validated model.
-        where: Path of the entry.
+        place: Position of the entry.
         world: The world of the agent.
         setting: The properties that all agents have in common.
     """
-    report, body, base = setting.report, entry.body, (*where, "config", "config")
-    _check_platforms(entry, where, setting)
+    body, inside = entry.body, place.at("config", "config")
+    _check_platforms(entry, place.at("platforms"), setting)
     if not entry.platforms:
         return None
-    scripted = _scripted_policy(entry, where, setting)
-    _check_controls(body, base, setting)
+    scripted = _scripted_policy(entry, place.at("policy"), setting)
+    _check_controls(body, inside, setting)
     dones = _with_time_limit(body.dones, setting.horizon)
-    parts = _parts(body, dones, base, setting)
-    _check_carries(entry.platforms[0], parts, base, setting)
+    parts = _parts(body, dones, inside.at("parts"), setting)
+    _check_carries(entry.platforms[0], parts, inside.at("parts"), setting)
     known = {**setting.names, **agent_names(parts, dones)}
     if len(parts) < len(body.parts):  # the missing part may be one with a duplicate name
         known = {kind: names for kind, names in known.items() if kind not in ("sensor", "controller")}
-    sound = _check_references(entry, base, known, report) and len(parts) == len(body.parts)
-    glues = tuple(in_world(glue, world, (*base, "glues", index), report) for index, glue in enumerate(body.glues))
+    sound = _check_references(entry, inside, known) and len(parts) == len(body.parts)
+    glues = tuple(in_world(glue, world, inside.at("glues", index)) for index, glue in enumerate(body.glues))
     for key, functors in (("rewards", body.rewards), ("dones", dones)):
-        check_unique(key, (named.name for named in functors), (*base, key), report)
+        check_unique(key, (named.name for named in functors), inside.at(key))
     for index, named in enumerate(dones):
         if not isinstance(getattr(named.functor, "status", None), DoneStatus):
             text = f"{named.name} has no `status`; define one in its class, such as DoneStatus.LOSE"
-            report((*base, "dones", index), text)
+            inside.report(text, "dones", index)
     if sound:
-        _check_glues(body.glues, parts, (*base, "glues"), report, observes=scripted is None)
+        _check_glues(body.glues, parts, inside.at("glues"), observes=scripted is None)
     return AgentSpec(
         entry.name,
         entry.platforms[0],
         parts,
         tuple(glue for glue in glues if glue.exported),
-        _rewards(body.rewards, dones, base, report),
+        _rewards(body.rewards, dones, inside.at("rewards")),
         tuple(dones),
         policy=entry.flown_by,
         scripted_policy=scripted,
     )
 
 
-def _check_platforms(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> None:
+def _check_platforms(entry: AgentEntry, place: Place, setting: AgentSetting) -> None:
     for index, platform in enumerate(entry.platforms):
         if platform not in setting.platforms:
-            text = f"there is no platform {platform!r}; {did_you_mean(platform, setting.platforms)}"
-            setting.report((*where, "platforms", index), text)
+            place.report(f"there is no platform {platform!r}; {did_you_mean(platform, setting.platforms)}", index)
     if not entry.platforms:
-        setting.report((*where, "platforms"), "an agent needs a platform; give the name of one")
+        place.report("an agent needs a platform; give the name of one")
     if len(entry.platforms) > 1:
-        setting.report((*where, "platforms", 1), "an agent controls only one platform; remove the others")
+        place.report("an agent controls only one platform; remove the others", 1)
 
 
-def _check_controls(body: AgentBody, base: KeyTuple, setting: AgentSetting) -> None:
+def _check_controls(body: AgentBody, inside: Place, setting: AgentSetting) -> None:
     """Report controllers that do not match the vehicle's inputs."""
     size = setting.simulator.compose()[0].control_size
     for index, part in enumerate(body.parts):
         if isinstance(part, Controller) and part.control_size > size:
             message = f"{part.part_name!r} commands a moment, but the platforms have no attitude"
-            setting.report((*base, "parts", index), f"{message}; use `platform: six-dof`, or remove the controller")
+            inside.report(f"{message}; use `platform: six-dof`, or remove the controller", "parts", index)
 
 
 def _with_time_limit(dones: _Dones, horizon: int) -> _Dones:
@@ -116,59 +113,65 @@ def _with_time_limit(dones: _Dones, horizon: int) -> _Dones:
     return (*dones, Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
 
 
-def _parts(body: AgentBody, dones: _Dones, base: KeyTuple, setting: AgentSetting) -> dict[str, Part]:
+def _parts(body: AgentBody, dones: _Dones, place: Place, setting: AgentSetting) -> dict[str, Part]:
     """Return the parts by name, with the values that sensors need from the task."""
     horizon = min(done.functor.horizon for done in dones if isinstance(done.functor, EpisodeLengthDone))
     parts: dict[str, Part] = {}
-    check_unique("parts", (part.part_name for part in body.parts), (*base, "parts"), setting.report)
+    check_unique("parts", (part.part_name for part in body.parts), place)
     for index, part in enumerate(body.parts):
         try:
             parts[part.part_name] = part.in_task(setting.simulator, horizon) if isinstance(part, Sensor) else part
         except ValueError as error:
-            setting.report((*base, "parts", index, "config"), str(error))
+            place.report(str(error), index, "config")
             parts[part.part_name] = part
     return parts
 
 
-def _check_carries(platform: str, parts: Mapping[str, Part], base: KeyTuple, setting: AgentSetting) -> None:
+def _check_carries(platform: str, parts: Mapping[str, Part], place: Place, setting: AgentSetting) -> None:
     """Report parts that the platform does not support."""
     if platform in setting.platforms:
         try:
             setting.platforms[platform](tuple(parts.values()))
         except ValueError as error:
-            setting.report((*base, "parts"), f"the platform {platform!r}: {error}")
+            place.report(f"the platform {platform!r}: {error}")
 
 
-def _check_references(
-    entry: AgentEntry, base: KeyTuple, known: Mapping[str, set[str]], report: ReportProblem
-) -> bool:  # fmt: skip
+def _check_references(entry: AgentEntry, inside: Place, known: Mapping[str, set[str]]) -> bool:
     """Check that the names in plugins exist, if names of their kind are known; return whether all of them do."""
     sound = True
-    inexact = {part.part_name for part in entry.config.config.parts if isinstance(part, Sensor) and part.errors}
-    for path, plugin in plugins_of(entry, base):
+    inexact = {part.part_name for part in entry.body.parts if isinstance(part, Sensor) and part.errors}
+    for place, plugin in plugins_of(entry, inside):
+        sound = _names_exist(plugin, place, known) and sound
         for field, kind in plugin.references().items():
             value = getattr(plugin, field)
-            if value is not None and kind in known and value not in known[kind]:
-                sound = False
-                report((*path, "config", field), not_named(kind, value, known[kind]))
-            elif kind == "sensor" and value in inexact and not isinstance(plugin, ObservationGlue | Sensor):
+            if kind == "sensor" and value in inexact and not isinstance(plugin, ObservationGlue | Sensor):
                 text = f"the sensor {value!r} has `errors`, but a {plugin.kind} needs exact values"
-                report((*path, "config", field), f"{text}; name a second sensor of the same kind without errors")
+                place.report(f"{text}; name a second sensor of the same kind without errors", "config", field)
     return sound
 
 
-def check_unique(what: str, names: Iterable[str], where: KeyTuple, report: ReportProblem) -> None:
-    """Report names that occur more than once in the list at a path."""
+def _names_exist(plugin: Plugin, place: Place, known: Mapping[str, set[str]]) -> bool:
+    """Return whether the names in a plugin exist, if names of their kind are known; the others are reported."""
+    wrong = {
+        field: not_named(kind, value, known[kind])
+        for field, kind in plugin.references().items()
+        if (value := getattr(plugin, field)) is not None and kind in known and value not in known[kind]
+    }
+    for field, message in wrong.items():
+        place.report(message, "config", field)
+    return not wrong
+
+
+def check_unique(what: str, names: Iterable[str], place: Place) -> None:
+    """Report names that occur more than once in a list."""
     seen: set[str] = set()
     for index, name in enumerate(names):
         if name in seen:
-            report((*where, index), f"two {what} are named {name!r}; give one of them a unique `name`")
+            place.report(f"two {what} are named {name!r}; give one of them a unique `name`", index)
         seen.add(name)
 
 
-def _rewards(
-    rewards: Iterable[Named[Reward]], dones: _Dones, where: KeyTuple, report: ReportProblem
-) -> tuple[Named[Reward], ...]:
+def _rewards(rewards: Iterable[Named[Reward]], dones: _Dones, place: Place) -> tuple[Named[Reward], ...]:
     """Return the rewards; a reward for an end gets the done function that it names."""
     known = {named.name: named.functor for named in dones}
     found = []
@@ -180,39 +183,33 @@ def _rewards(
                 if type(functor.done).remember is not DoneFunction.remember:
                     raise ValueError(f"{functor.done_name} stores earlier steps, which a reward cannot read")
             except ValueError as error:
-                report((*where, "rewards", index), str(error))
+                place.report(str(error), index)
         found.append(Named(named.name, functor))
     return tuple(found)
 
 
-def _scripted_policy(entry: AgentEntry, where: KeyTuple, setting: AgentSetting) -> ScriptedPolicy | None:
+def _scripted_policy(entry: AgentEntry, place: Place, setting: AgentSetting) -> ScriptedPolicy | None:
     """Return the scripted policy that controls an agent, or None if its actions come from the caller."""
     if entry.policy is None or entry.policy.functor is None:
         return None
     try:
         scripted = build("policy", {"functor": entry.policy.functor, "config": entry.policy.config})
     except PydanticCustomError as error:
-        for problem in (error.context or {})["errors"]:
-            setting.report((*where, "policy", *problem["loc"]), text_of(problem))
+        for where, text in functor_problems(error):
+            place.report(text, *where)
         return None
     assert isinstance(scripted, ScriptedPolicy), "the registry returns a plugin of the requested kind"
-    for field, kind in scripted.references().items():
-        value, names = getattr(scripted, field), setting.names.get(kind)
-        if value is not None and names is not None and value not in names:
-            setting.report((*where, "policy", "config", field), not_named(kind, value, names))
+    _names_exist(scripted, place, setting.names)
     return scripted
 
 
-def _check_glues(
-    glues: tuple[Glue, ...], parts: Mapping[str, Part], where: KeyTuple, report: ReportProblem, *, observes: bool
-) -> None:
+def _check_glues(glues: Sequence[Glue], parts: Mapping[str, Part], place: Place, *, observes: bool) -> None:
     """Check that glues match the parts, command each controller once, and include observations and commands.
 
     Args:
         glues: The glues of an agent.
         parts: Its parts, by name.
-        where: Path of the glues.
-        report: Function that is called with the path and the message of every mistake.
+        place: Position of the glues.
         observes: Whether the agent's policy needs an observation.
     """
     commanded: set[str] = set()
@@ -221,24 +218,20 @@ def _check_glues(
         try:
             glue.bounds(parts)
         except (ValueError, UnitError) as error:
-            report((*where, index), str(error))
+            place.report(str(error), index)
             continue
         if isinstance(glue, ActionGlue):
             for name in glue.names(parts):
                 if name in commanded:
-                    report((*where, index), f"the controller {name!r} is commanded twice; remove one of the glues")
+                    place.report(f"the controller {name!r} is commanded twice; remove one of the glues", index)
                 commanded.add(name)
-            discrete |= {
-                bool(count)
-                for leaf in glue.leaves()
-                if not isinstance(leaf, CoastGlue)
-                for count in leaf.choices(parts)
-            }
+            controlling = [leaf for leaf in glue.leaves() if not isinstance(leaf, CoastGlue)]
+            discrete |= {bool(count) for leaf in controlling for count in leaf.choices(parts)}
     leaves = [leaf for glue in glues if isinstance(glue, ActionGlue) for leaf in glue.leaves()]
     if any(isinstance(leaf, CoastGlue) for leaf in leaves[:-1]):
-        report(where, "CoastGlue is before the glue of a controller; move it to the end of the list")
+        place.report("CoastGlue is before the glue of a controller; move it to the end of the list")
     if len(discrete) > 1:
-        report(where, "discrete and continuous action glues are mixed; use one kind for all of them")
+        place.report("discrete and continuous action glues are mixed; use one kind for all of them")
     for base, what in ((ObservationGlue, "observes a sensor"), (ActionGlue, "commands a controller")):
         if not any(isinstance(glue, base) and glue.exported for glue in glues) and (observes or base is ActionGlue):
-            report(where, f"there is no glue that {what}; add one")
+            place.report(f"there is no glue that {what}; add one")

@@ -11,8 +11,7 @@ from safe_inspect.config.building.guarantees import check_guarantees, check_thru
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, safe_initial_states
 from safe_inspect.config.building.world import check_world, common_world, in_world, reset_in_world, worlds_of
-from safe_inspect.config.messages.messages import text_of
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, Place, text_of
 from safe_inspect.config.models.experiment import ExperimentConfig
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.errors import did_you_mean
@@ -20,59 +19,58 @@ from safe_inspect.platforms.base import Platform
 from safe_inspect.simulators.simulator import Simulator
 
 
-def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, seed: int) -> EnvironmentSpec | None:
+def assemble(config: ExperimentConfig, horizon: int, whole: Place, *, seed: int) -> EnvironmentSpec | None:
     """Return the specification of an experiment's environment.
 
     Args:
         config: The validated models.
         horizon: Largest number of steps of an episode.
-        report: Function that is called with the path and the message of every mistake.
+        whole: Position of the whole configuration.
         seed: Seed of the run.
 
     Returns:
         The specification, or None if there were mistakes.
     """
-    mistakes = 0
+    mistakes: list[KeyTuple] = []
 
     def note(where: KeyTuple, message: str) -> None:
-        nonlocal mistakes
-        mistakes += 1
-        report(where, message)
+        mistakes.append(where)
+        whole.report(message, *where)
 
-    platforms = _platforms(config, note)
-    config = _with_attitude(config, note)
-    reset = reset_plan(config, note)
+    root = Place(note)
+    place = root.at(*ENVIRONMENT_PATH)
+    platforms = _platforms(config, root.at("platform_config"))
+    config = _with_attitude(config, root)
+    reset = reset_plan(config, root)
     environment = config.environment
     names = world_names(platforms, reset, environment.simulator)
-    _check_bodies(environment.simulator, names, note)
-    _check_controlled(config, platforms, note)
+    _check_bodies(environment.simulator, names, place.at("simulator"))
+    _check_controlled(config, platforms, root.at("platform_config"))
     worlds = worlds_of(config, platforms)
-    setting = AgentSetting(platforms, names, environment.simulator, horizon, note)
+    setting = AgentSetting(platforms, names, environment.simulator, horizon)
     built = [
-        build_agent(entry, ("agent_config", index), worlds[index], setting)
+        build_agent(entry, root.at("agent_config", index), worlds[index], setting)
         for index, entry in enumerate(config.agent_config)
     ]
     agents = [agent for agent in built if agent is not None]
-    check_agents(config, agents, note)
-    check_world(config, reset, worlds, note)
+    check_agents(config, agents, root)
+    check_world(config, reset, worlds, root)
     if not mistakes:  # this check needs the results of the others
-        check_guarantees(config, worlds, reset, note)
+        check_guarantees(config, worlds, reset, root)
     common = common_world(worlds)
-    reset = reset_in_world(reset, common, note)
+    reset = reset_in_world(reset, common, place)
     if environment.rta is not None:
-        where: KeyTuple = (*ENVIRONMENT_PATH, "rta")
-        environment = environment.model_copy(update={"rta": in_world(environment.rta, common, where, note)})
+        environment = environment.model_copy(update={"rta": in_world(environment.rta, common, place.at("rta"))})
     if not mistakes:  # this check computes plans, which is expensive
-        check_thrusters(agents, environment.rta, note)
+        check_thrusters(agents, environment.rta, root)
     if mistakes:
         return None
-    frame_rate = config.agent_config[0].body.frame_rate
     return EnvironmentSpec(
         environment.simulator,
         {agent.platform: platforms[agent.platform] for agent in agents},
         tuple(agents),
         safe_initial_states(reset, agents, environment),
-        1.0 / frame_rate,
+        1.0 / config.agent_config[0].body.frame_rate,
         seed,
         shared_dones=environment.dones.shared,
         team_safety=environment.rta,
@@ -80,24 +78,24 @@ def assemble(config: ExperimentConfig, horizon: int, report: ReportProblem, *, s
     )
 
 
-def _with_attitude(config: ExperimentConfig, report: ReportProblem) -> ExperimentConfig:
+def _with_attitude(config: ExperimentConfig, root: Place) -> ExperimentConfig:
     """Return the experiment with a simulator with attitude dynamics, if its platforms have an attitude."""
-    turning = [index for index, entry in enumerate(config.platform_config) if entry.config.functor.turns]
-    simulator: Simulator = config.environment.simulator
-    if not turning:
+    turning = [entry.config.functor.turns for entry in config.platform_config]
+    simulator, place = config.environment.simulator, root.at(*ENVIRONMENT_PATH, "simulator")
+    if not any(turning):
         field = simulator.attitude_field
         if field and not simulator.turns:
-            where = (*ENVIRONMENT_PATH, "simulator", "config", field)
-            report(where, f"`{field}` needs platforms with attitude; use `platform: six-dof`, or remove it")
+            text = f"`{field}` needs platforms with attitude; use `platform: six-dof`, or remove it"
+            place.report(text, "config", field)
         return config
     for index, entry in enumerate(config.platform_config):
-        if index not in turning:
+        if not turning[index]:
             message = f"{entry.name} has no attitude but others do; use `platform: six-dof` for all of them or for none"
-            report(("platform_config", index, "config", "platform"), message)
+            root.report(message, "platform_config", index, "config", "platform")
     try:
         made = simulator.with_attitude()
     except ValueError as error:
-        report((*ENVIRONMENT_PATH, "simulator"), str(error))
+        place.report(str(error))
         return config
     task = config.config.config
     environment = task.env_config.model_copy(update={"simulator": made})
@@ -105,42 +103,41 @@ def _with_attitude(config: ExperimentConfig, report: ReportProblem) -> Experimen
     return config.model_copy(update={"config": config.config.model_copy(update={"config": body})})
 
 
-def _platforms(config: ExperimentConfig, report: ReportProblem) -> dict[str, Platform]:
+def _platforms(config: ExperimentConfig, entries: Place) -> dict[str, Platform]:
     platforms: dict[str, Platform] = {}
     for index, entry in enumerate(config.platform_config):
-        where: KeyTuple = ("platform_config", index)
         if entry.name in platforms:
-            report((*where, "name"), f"two platforms are named {entry.name!r}")
+            entries.report(f"two platforms are named {entry.name!r}", index, "name")
+        cls = entry.config.functor
         try:
-            platforms[entry.name] = entry.config.functor.model_validate(entry.config.config)
+            platforms[entry.name] = cls.model_validate(entry.config.config)
         except ValidationError as error:
-            platforms[entry.name] = entry.config.functor.model_construct()  # so that the name is known
+            platforms[entry.name] = cls.model_construct()  # so that the name is known
             for problem in error.errors(include_url=False):
-                text = text_of(problem)
+                text, key = text_of(problem), str(problem["loc"][-1])
                 if problem["type"] == "extra_forbidden":
-                    key = str(problem["loc"][-1])
-                    text = f"unknown key `{key}`; {did_you_mean(key, entry.config.functor.model_fields)}"
-                report((*where, "config", "config", *problem["loc"]), text)
+                    text = f"unknown key `{key}`; {did_you_mean(key, cls.model_fields)}"
+                entries.report(text, index, "config", "config", *problem["loc"])
     return platforms
 
 
-def _check_bodies(simulator: Simulator, names: dict[str, set[str]], report: ReportProblem) -> None:
+def _check_bodies(simulator: Simulator, names: dict[str, set[str]], place: Place) -> None:
     """Check that the bodies of components exist; mistakes are reported at the simulator's key for the component."""
-    for component in simulator.compose()[1]:
-        for name in component.bodies:
-            if name not in names["entity"]:
-                where: KeyTuple = (*ENVIRONMENT_PATH, "simulator")
-                for field in type(simulator).model_fields:
-                    if isinstance(value := getattr(simulator, field), Mapping) and name in value:
-                        where = (*where, "config", field, name)
-                        break
-                report(where, f"there is no body {name!r}; {did_you_mean(name, names['entity'])}")
-                names["points"] |= names["entity"]  # so that correct names are not reported
+    for name in (body for component in simulator.compose()[1] for body in component.bodies):
+        if name not in names["entity"]:
+            fields = [field for field in type(simulator).model_fields if name in _keys(getattr(simulator, field))]
+            where = place.at("config", fields[0], name) if fields else place
+            where.report(f"there is no body {name!r}; {did_you_mean(name, names['entity'])}")
+            names["points"] |= names["entity"]  # so that correct names are not reported
 
 
-def _check_controlled(config: ExperimentConfig, platforms: Mapping[str, Platform], report: ReportProblem) -> None:
+def _keys(value: object) -> Mapping[str, object]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _check_controlled(config: ExperimentConfig, platforms: Mapping[str, Platform], entries: Place) -> None:
     controlled = {name for agent in config.agent_config for name in agent.platforms}
     if controlled and controlled <= set(platforms):
         for index, platform in enumerate(config.platform_config):
             if platform.name not in controlled:
-                report(("platform_config", index), f"no agent controls the platform {platform.name!r}; remove it")
+                entries.report(f"no agent controls the platform {platform.name!r}; remove it", index)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_inspect.config.building.world import WorldValues
-from safe_inspect.config.messages.report import KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import Place
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.plugins.plugin import Plugin
@@ -74,9 +74,7 @@ def required(total: DisturbanceBounds) -> str:
     return ", ".join(f"{name}: {_rounded_up(value):g}" for name, value in pairs if value > 0.0)
 
 
-def check_motion(
-    plugin: Any, where: KeyTuple, simulator: Simulator, worlds: Sequence[WorldValues], report: ReportProblem
-) -> None:
+def check_motion(plugin: Any, place: Place, simulator: Simulator, worlds: Sequence[WorldValues]) -> None:
     """Check that a filter allows for every disturbance of the motion that it assumes."""
     if getattr(plugin, "method", None) == "continuous":
         return
@@ -94,21 +92,19 @@ def check_motion(
             warnings.warn(f"{text}: the filter gives no guarantee", SafetyFilterWarning, stacklevel=2)
         else:
             remedy = "declare them, disable the filter, or accept that it gives no guarantee with `undeclared: warn`"
-            report((*where, "enabled"), f"{text}; {remedy}")
+            place.report(f"{text}; {remedy}", "enabled")
     if exceeded and tolerated is None:
         by = " and ".join(dict.fromkeys(name for _, names in exceeded.values() for name in names))
         text = f"the simulation is disturbed by {by}, and this filter gives no guarantee then; "
         if "disturbance" in type(plugin).model_fields:
             asked = NO_DISTURBANCE.model_copy(update={field: value for field, (value, _) in exceeded.items()})
-            report(
-                (*where, "disturbance"), f"{text}give the filter `disturbance: {{{required(asked)}}}`, or disable it"
-            )
+            place.report(f"{text}give the filter `disturbance: {{{required(asked)}}}`, or disable it", "disturbance")
         else:
-            report((*where, "enabled"), f"{text}disable the filter, or remove the disturbance")
+            place.report(f"{text}disable the filter, or remove the disturbance", "enabled")
         return
     for field, (value, names) in exceeded.items():
         text = f"the simulation's `{field}` is {value:g}, from {' and '.join(names)}, which exceeds this bound"
-        report((*where, "disturbance", field), f"{text}; raise the bound, or lower the disturbance")
+        place.report(f"{text}; raise the bound, or lower the disturbance", "disturbance", field)
 
 
 def _bounds_of(source: Any, limits: MotionLimits) -> DisturbanceBounds | None:

@@ -13,68 +13,64 @@ import numpy as np
 from safe_inspect.config.building.agents import check_unique
 from safe_inspect.config.loading.located import path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, Place
 from safe_inspect.config.models.experiment import AgentEntry, EnvironmentConfig, ExperimentConfig, PolicyConfig
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import UnsafeInitialStateWarning, did_you_mean
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan, TeamTest
 from safe_inspect.types import BoolArray, FloatArray
 
 
-def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], report: ReportProblem) -> None:
+def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], root: Place) -> None:
     """Check names, platforms and shared done functions, and that all agents have the same frame rate.
 
     Args:
         config: The validated models.
         agents: The agents without mistakes.
-        report: Function that is called with the path and the message of every mistake.
+        root: Position of the whole configuration.
     """
-    names: dict[str, int] = {}
+    names: set[str] = set()
     controls: dict[str, str] = {}
-    lead = config.agent_config[0]
+    environment, lead = root.at(*ENVIRONMENT_PATH), config.agent_config[0]
     for index, entry in enumerate(config.agent_config):
-        where: KeyTuple = ("agent_config", index)
+        place = root.at("agent_config", index)
         if entry.name in names:
-            report((*where, "name"), f"two agents are named {entry.name!r}; give each a unique name")
-        names[entry.name] = index
+            place.report(f"two agents are named {entry.name!r}; give each a unique name", "name")
+        names.add(entry.name)
         for number, platform in enumerate(entry.platforms[:1]):
             if platform in controls:
                 message = f"{controls[platform]} and {entry.name} both control the platform {platform!r}"
-                report((*where, "platforms", number), f"{message}; give each agent its own platform")
+                place.report(f"{message}; give each agent its own platform", "platforms", number)
             controls[platform] = entry.name
         if entry.body.frame_rate != lead.body.frame_rate:
-            message = f"{entry.name} acts at {entry.body.frame_rate:g} Hz, {lead.name} at "
-            place = (*where, "config", "config", "frame_rate")
-            report(place, f"{message}{lead.body.frame_rate:g} Hz; all agents must act at the same rate")
+            message = f"{entry.name} acts at {entry.body.frame_rate:g} Hz, {lead.name} at {lead.body.frame_rate:g} Hz"
+            place.report(f"{message}; all agents must act at the same rate", "config", "config", "frame_rate")
     if len(config.agent_config) > MAX_COUNT:
         text = f"{len(config.agent_config)} agents are too many; an environment has at most {MAX_COUNT}"
-        report(("agent_config",), text)
+        root.report(text, "agent_config")
     done_names = {named.name for agent in agents for named in agent.dones}
-    shared = config.environment.dones.shared
-    check_unique("shared dones", (named.name for named in shared), (*ENVIRONMENT_PATH, "dones", "shared"), report)
+    shared, place = config.environment.dones.shared, environment.at("dones", "shared")
+    check_unique("shared dones", (named.name for named in shared), place)
     for index, named in enumerate(shared):
-        where = (*ENVIRONMENT_PATH, "dones", "shared", index)
         for field, kind in named.functor.references().items():
             value = getattr(named.functor, field)
             if kind == "done" and value not in done_names and len(agents) == len(config.agent_config):
-                warnings.warn(
-                    f"{path_text((*where, 'config', field))}: no agent has a done function named {value!r}, so that "
-                    f"{named.name} never ends an episode; {did_you_mean(value, done_names)}",
-                    stacklevel=2,
-                )
+                where = path_text(place.at(index, "config", field).path)
+                text = f"{where}: no agent has a done function named {value!r}, so that {named.name} never ends an "
+                warnings.warn(f"{text}episode; {did_you_mean(value, done_names)}", stacklevel=2)
     safety = config.environment.rta
-    if safety is not None and safety.enabled and config.environment.ended_deputies == "hold_thrust":
-        message = "the environment's `rta` assumes that ended deputies coast; use `coast`, or disable the filter"
-        report((*ENVIRONMENT_PATH, "ended_deputies"), message)
+    if safety is None or not safety.enabled:
+        return
+    if config.environment.ended_deputies == "hold_thrust":
+        text = "the environment's `rta` assumes that ended deputies coast; use `coast`, or disable the filter"
+        environment.report(text, "ended_deputies")
     for index, agent in enumerate(agents):
-        own = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-        if safety is not None and safety.enabled and own:
-            message = "its safety filter and that of the environment's `rta` are both enabled; disable one of them"
-            report(("agent_config", index, "config", "config", "glues"), message)
+        if any(isinstance(glue, SafetyGlue) and glue.enabled for glue in agent.action_glues):
+            text = "its safety filter and that of the environment's `rta` are both enabled; disable one of them"
+            root.report(text, "agent_config", index, "config", "config", "glues")
 
 
 def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
@@ -88,23 +84,17 @@ def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environme
     lead = filters.get(0)
     if lead is not None:
         reset = replace(reset, parameters=_sampled_with(reset, lead))
-    tests: list[TeamTest] = []
     others = {index: glue.for_starts() for index, glue in filters.items() if glue != lead}
-    if others:
-        tests.append(partial(_own_refusals, others))
-    if environment.rta is not None and environment.rta.enabled:
-        tests.append(partial(_team_refusals, environment.rta))
-    collisions = [
-        named.functor.safety_constraint
-        for named in environment.dones.shared
-        if isinstance(named.functor, CollisionDoneFunction)
-    ]
+    tests: list[TeamTest] = [partial(_own_refusals, others)] if others else []
+    shared = [named.functor for named in environment.dones.shared]
+    collisions = [done.safety_constraint for done in shared if isinstance(done, CollisionDoneFunction)]
     watches = [
         partial(_warn_of_starts, (agents[index].platform,), glue.for_starts())
         for index, glue in filters.items()
         if not _tested(reset, agents[index].platform, by_own=index == 0)
     ]
     if environment.rta is not None and environment.rta.enabled:
+        tests.append(partial(_team_refusals, environment.rta))
         names = tuple(agent.platform for agent in agents)
         if not all(_tested(reset, name, by_own=False) for name in names):
             watches.append(partial(_warn_of_starts, names, environment.rta))
@@ -169,54 +159,48 @@ def _team_refusals(
     return safety.refusals({**states, **team})
 
 
-def policies_of(config: ExperimentConfig, report: ReportProblem) -> dict[str, PolicySpec]:
+def policies_of(config: ExperimentConfig, root: Place) -> dict[str, PolicySpec]:
     """Return the policies of the agents that the caller controls, by name, in agent order.
 
     Args:
         config: The validated models.
-        report: Function that is called with the path and the message of every mistake.
+        root: Position of the whole configuration.
     """
+    entries = root.at("agent_config")
     flown: dict[str, list[tuple[int, AgentEntry, PolicyConfig]]] = {}
     for index, entry in enumerate(config.agent_config):
         if entry.policy is None and len(config.agent_config) > 1:
             examples = "{algorithm: PPO} or {functor: ZeroThrust}"
             text = f"the agent {entry.name!r} has no policy; add the key `policy`, such as {examples}"
-            report(("agent_config", index), text)
+            entries.report(text, index)
         policy = entry.policy or PolicyConfig()
         if policy.functor is None:
             flown.setdefault(entry.flown_by, []).append((index, entry, policy))
         elif entry.policy_name is not None:
-            where = ("agent_config", index, "policy_name")
-            report(where, "a scripted policy cannot be shared; remove the name")
+            entries.report("a scripted policy cannot be shared; remove the name", index, "policy_name")
     if not flown:
-        report(("agent_config",), "no agent has a policy that is trained; give one of them an `algorithm`")
+        entries.report("no agent has a policy that is trained; give one of them an `algorithm`")
     elif not any(policy.checkpoint is None for group in flown.values() for _, _, policy in group):
-        report(("agent_config",), "all policies come from checkpoints, so none is trained; give one an `algorithm`")
+        entries.report("all policies come from checkpoints, so none is trained; give one an `algorithm`")
     found = {}
     for name, group in flown.items():
-        _check_shared(name, group, report)
-        policy = group[0][2]
-        found[name] = PolicySpec(
-            name,
-            tuple(entry.name for _, entry, _ in group),
-            policy.algorithm,
-            dict(policy.config),
-            policy.checkpoint,
-            policy.policy,
-        )
+        _check_shared(name, group, entries)
+        agents, policy = tuple(entry.name for _, entry, _ in group), group[0][2]
+        given = policy.algorithm, dict(policy.config), policy.checkpoint, policy.policy
+        found[name] = PolicySpec(name, agents, *given)
     algorithms = list(dict.fromkeys(policy.algorithm for policy in found.values() if policy.trains))
     for group in flown.values():
         for index, _, policy in group:
             if policy.algorithm and policy.algorithm != algorithms[0]:
-                place: KeyTuple = ("agent_config", index, "policy", "algorithm")
-                report(place, f"RLlib trains all policies with one algorithm, not with {' and '.join(algorithms)}")
+                text = f"RLlib trains all policies with one algorithm, not with {' and '.join(algorithms)}"
+                entries.report(text, index, "policy", "algorithm")
     return found
 
 
-def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], report: ReportProblem) -> None:
+def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], entries: Place) -> None:
     """Check that agents that share a policy have the same configuration of it."""
     _, first, policy = group[0]
     for index, entry, other in group[1:]:
         if other != policy:
-            where = ("agent_config", index, "policy")
-            report(where, f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently")
+            text = f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently"
+            entries.report(text, index, "policy")

@@ -9,16 +9,16 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.messages.messages import text_of
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, ReportProblem
+from safe_inspect.config.messages.report import ENVIRONMENT_PATH, Place, text_of
 from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
-from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.plugins.functor import Named
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.rejection_sampler import RejectionSampler
-from safe_inspect.rta.team import TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
+from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.types import FloatArray
 
 #: Values of an agent's world, by the names in `TaskParameters`, in SI units.
@@ -61,7 +61,7 @@ def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
     return common
 
 
-def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProblem) -> _P:
+def in_world(plugin: _P, world: WorldValues, place: Place) -> _P:
     """Return a plugin whose missing fields of `TaskParameters` are taken from the world; other plugins are unchanged.
 
     Only an enabled filter depends on the thrust; other agents may have thrusters that are too weak for a filter.
@@ -74,87 +74,92 @@ def in_world(plugin: _P, world: WorldValues, where: KeyTuple, report: ReportProb
         return plugin.in_world(world)
     except ValidationError as error:
         for problem in error.errors(include_url=False):
-            report((*where, "config", *problem["loc"]), f"with the values of the simulation: {text_of(problem)}")
+            place.report(f"with the values of the simulation: {text_of(problem)}", "config", *problem["loc"])
         return plugin
 
 
-def reset_in_world(reset: ResetPlan, world: WorldValues, report: ReportProblem) -> ResetPlan:
+def reset_in_world(reset: ResetPlan, world: WorldValues, environment: Place) -> ResetPlan:
     """Return the plan with the samplers' safety tests in the world."""
-    parameters = dict(reset.parameters)
-    for name, parameter in parameters.items():
-        if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
-            glue = in_world(parameter.rta.glue, world, _sampler(name), report)
-            parameters[name] = parameter.model_copy(update={"rta": parameter.rta.with_glue(glue)})
-    return replace(reset, parameters=parameters)
+    tested = {
+        name: sampler.model_copy(update={"rta": sampler.rta.with_glue(in_world(sampler.rta.glue, world, place))})
+        for name, sampler, place in _tests(reset, environment)
+    }
+    return replace(reset, parameters={**reset.parameters, **tested})
 
 
-def check_world(
-    config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], report: ReportProblem
-) -> None:  # fmt: skip
-    """Check that the step, mass, orbit and thrust that plugins assume are those of the simulation."""
-    environment = config.environment
-    common = common_world(worlds)
-    shared: list[tuple[KeyTuple, Plugin]] = []
-    if environment.rta is not None and environment.rta.enabled:
-        shared.append(((*ENVIRONMENT_PATH, "rta"), environment.rta))
+def _tests(reset: ResetPlan, environment: Place) -> Iterator[tuple[str, Any, Place]]:
+    """Yield the name of each sampler with a safety test, the sampler, and the position of its test."""
     for name, parameter in reset.parameters.items():
         if isinstance(parameter, RejectionSampler) and parameter.rta is not None:
-            shared.append((_sampler(name), parameter.rta.glue))
-    dynamics, components = environment.simulator.compose()
-    bodies = {name: radius for component in components for name, radius in component.radii.items()}
+            yield name, parameter, environment.at("simulator_reset_parameters", name, "config", "rta")
+
+
+def check_world(config: ExperimentConfig, reset: ResetPlan, worlds: Sequence[WorldValues], root: Place) -> None:
+    """Check that the step, mass, orbit and thrust that plugins assume are those of the simulation."""
+    environment, place = config.environment, root.at(*ENVIRONMENT_PATH)
+    common = common_world(worlds)
+    shared: list[tuple[Place, Plugin]] = []
+    if environment.rta is not None and environment.rta.enabled:
+        shared.append((place.at("rta"), environment.rta))
+    shared += [(where, sampler.rta.glue) for _, sampler, where in _tests(reset, place)]
     for index, entry in enumerate(config.agent_config):
-        world = worlds[index]
-        base = ("agent_config", index, "config", "config")
-        largest = _thrust_limits(entry)
-        looked = [(path, plugin, world) for path, plugin in plugins_of(entry, base)]
-        for path, plugin, taken in looked + [(path, plugin, common) for path, plugin in shared]:
-            kept = getattr(plugin, "kept", {})
-            radius = _value(kept.get("chief_collision", plugin), "collision_radius", taken)
-            for name, own in bodies.items():
-                if radius is not None and radius < own:
-                    text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({own:g} m)"
-                    report((*path, "config", "collision_radius"), f"{text}; make it at least as large as that")
-            filters = isinstance(plugin, SafetyGlue | TeamSafety) and plugin.enabled
-            if filters and isinstance(plugin, TaskParameters) and "n" not in world:
-                text = "the filter assumes Clohessy-Wiltshire dynamics, but these deputies move by "
-                text += dynamics.registered_name
-                report((*path, "config", "enabled"), f"{text}; disable the filter")
-            elif filters and environment.simulator.turns:
-                text = "the filter assumes thrust along the axes of Hill's frame, but these deputies have an attitude"
-                report((*path, "config", "enabled"), f"{text}; disable the filter")
-            thrust = _value(plugin, "u_max", taken)
-            if filters and thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in largest):
-                text = f"the filter assumes {thrust:g} N along each axis, which a controller cannot apply"
-                report((*path, "config", "u_max"), f"{text}; lower `u_max`, or raise the controller's limits")
-            for field in ("n", "step_size", "mass", "m"):
-                source = "m" if field == "mass" else field
-                given, value = _value(plugin, field, taken), world.get(source)
-                if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
-                    here, there = distinct(given, value)
-                    text = f"`{field}` is {here} here, but {_SOURCES[source]} is {there}; use the same value"
-                    report((*path, "config", field), text)
+        own = plugins_of(entry, root.at("agent_config", index, "config", "config"))
+        taken = [(where, plugin, worlds[index]) for where, plugin in own]
+        for where, plugin, world in taken + [(where, plugin, common) for where, plugin in shared]:
+            _check_filter(plugin, environment.simulator, world, worlds[index], entry, where.at("config"))
+            _check_values(plugin, world, worlds[index], where.at("config"))
 
 
-def plugins_of(entry: AgentEntry, base: KeyTuple) -> Iterator[tuple[KeyTuple, Plugin]]:
-    """Yield every plugin of an agent that may refer to others by name, with its path."""
-    body = entry.body
-    for key in ("parts", "glues"):
-        for index, plugin in enumerate(getattr(body, key)):
-            yield from _nested((*base, key, index), plugin)
-    for key in ("rewards", "dones"):
-        for index, named in enumerate(getattr(body, key)):
-            yield from _nested((*base, key, index), named.functor)
+def _check_filter(
+    plugin: Any, simulator: Simulator, taken: WorldValues, world: WorldValues, entry: AgentEntry, place: Place
+) -> None:  # fmt: skip
+    """Check that what a safety filter assumes about bodies, dynamics and thrust holds in the simulation."""
+    dynamics, components = simulator.compose()
+    radius = _value(getattr(plugin, "kept", {}).get("chief_collision", plugin), "collision_radius", taken)
+    for name, own in (pair for component in components for pair in component.radii.items()):
+        if radius is not None and radius < own:
+            text = f"`collision_radius` is {radius:g} m, inside the sphere of {name!r} ({own:g} m)"
+            place.report(f"{text}; make it at least as large as that", "collision_radius")
+    if not isinstance(plugin, SafetyGlue | TeamSafety) or not plugin.enabled:
+        return
+    if isinstance(plugin, TaskParameters) and "n" not in world:
+        text = "the filter assumes Clohessy-Wiltshire dynamics, but these deputies move by "
+        place.report(f"{text}{dynamics.registered_name}; disable the filter", "enabled")
+    elif simulator.turns:
+        text = "the filter assumes thrust along the axes of Hill's frame, but these deputies have an attitude"
+        place.report(f"{text}; disable the filter", "enabled")
+    thrust = _value(plugin, "u_max", taken)
+    if thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in _thrust_limits(entry)):
+        text = f"the filter assumes {thrust:g} N along each axis, which a controller cannot apply"
+        place.report(f"{text}; lower `u_max`, or raise the controller's limits", "u_max")
 
 
-def _nested(path: KeyTuple, plugin: Plugin) -> Iterator[tuple[KeyTuple, Plugin]]:
+def _check_values(plugin: Plugin, taken: WorldValues, world: WorldValues, place: Place) -> None:
+    """Check that the values of a plugin are those of the world."""
+    for field in ("n", "step_size", "mass", "m"):
+        source = "m" if field == "mass" else field
+        given, value = _value(plugin, field, taken), world.get(source)
+        if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
+            here, there = distinct(given, value)
+            place.report(f"`{field}` is {here} here, but {_SOURCES[source]} is {there}; use the same value", field)
+
+
+def plugins_of(entry: AgentEntry, inside: Place) -> Iterator[tuple[Place, Plugin]]:
+    """Yield every plugin of an agent that may refer to others by name, with its position."""
+    for key in ("parts", "glues", "rewards", "dones"):
+        for index, item in enumerate(getattr(entry.body, key)):
+            yield from _nested(inside.at(key, index), item.functor if isinstance(item, Named) else item)
+
+
+def _nested(place: Place, plugin: Plugin) -> Iterator[tuple[Place, Plugin]]:
     """Yield a plugin and those that it wraps, which are one plugin, a list or a mapping."""
-    yield path, plugin
+    yield place, plugin
     wrapped: Any = getattr(plugin, "wrapped", ())
     if isinstance(wrapped, Plugin):
-        yield from _nested((*path, "wrapped"), wrapped)
+        yield from _nested(place.at("wrapped"), wrapped)
         return
     for key, inner in wrapped.items() if isinstance(wrapped, Mapping) else enumerate(wrapped):
-        yield from _nested((*path, "wrapped", key), inner)
+        yield from _nested(place.at("wrapped", key), inner)
 
 
 def distinct(one: float, other: float) -> tuple[str, str]:
@@ -164,10 +169,6 @@ def distinct(one: float, other: float) -> tuple[str, str]:
         if texts[0] != texts[1]:
             break
     return texts
-
-
-def _sampler(name: str) -> KeyTuple:
-    return (*ENVIRONMENT_PATH, "simulator_reset_parameters", name, "config", "rta")
 
 
 def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:

@@ -7,16 +7,23 @@ that requests something unsupported is an error.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from safe_inspect.config.keys import by_name
+from safe_inspect.errors import did_you_mean
+
+#: Keys whose old names have `worker` in place of `env_runner`.
+_OF_RUNNERS = """
+    num_env_runners num_envs_per_env_runner num_cpus_per_env_runner num_gpus_per_env_runner
+    custom_resources_per_env_runner evaluation_num_env_runners ignore_env_runner_failures max_num_env_runner_restarts
+    delay_between_env_runner_restarts_s num_consecutive_env_runner_failures_tolerance env_runner_health_probe_timeout_s
+    env_runner_restore_timeout_s validate_env_runners_after_construction
+"""
 
 #: Old name to new name, with the names of other libraries. A dot separates `model_config` from a key of that mapping.
-RENAMED: dict[str, str] = by_name(
+RENAMED: dict[str, str] = {key.replace("env_runner", "worker"): key for key in _OF_RUNNERS.split()} | by_name(
     {
-        "num_env_runners": "num_workers num_rollout_workers",
-        "num_envs_per_env_runner": "num_envs_per_worker",
-        "num_cpus_per_env_runner": "num_cpus_per_worker",
-        "num_gpus_per_env_runner": "num_gpus_per_worker",
-        "custom_resources_per_env_runner": "custom_resources_per_worker",
+        "num_env_runners": "num_rollout_workers",
         "num_cpus_for_main_process": "num_cpus_for_driver num_cpus_for_local_worker",
         "num_gpus_per_learner": "num_gpus num_gpus_per_learner_worker",
         "num_learners": "num_learner_workers",
@@ -34,7 +41,6 @@ RENAMED: dict[str, str] = by_name(
         "model_config.vf_share_layers": "vf_share_layers",
         "model_config": "model",
         "rl_module": "rl_module_class rl_module_spec",
-        "evaluation_num_env_runners": "evaluation_num_workers",
         "evaluation_duration": "evaluation_num_episodes",
         "metrics_num_episodes_for_smoothing": "metrics_smoothing_episodes",
         "metrics_episode_collection_timeout_s": "collect_metrics_timeout",
@@ -42,14 +48,7 @@ RENAMED: dict[str, str] = by_name(
         "min_sample_timesteps_per_iteration": "timesteps_per_iteration min_sample_timesteps_per_reporting",
         "min_train_timesteps_per_iteration": "min_train_timesteps_per_reporting",
         "create_env_on_local_worker": "create_env_on_driver",
-        "ignore_env_runner_failures": "ignore_worker_failures",
         "restart_failed_env_runners": "recreate_failed_workers recreate_failed_env_runners",
-        "max_num_env_runner_restarts": "max_num_worker_restarts",
-        "delay_between_env_runner_restarts_s": "delay_between_worker_restarts_s",
-        "num_consecutive_env_runner_failures_tolerance": "num_consecutive_worker_failures_tolerance",
-        "env_runner_health_probe_timeout_s": "worker_health_probe_timeout_s",
-        "env_runner_restore_timeout_s": "worker_restore_timeout_s",
-        "validate_env_runners_after_construction": "validate_workers_after_construction",
     }
 )
 
@@ -171,3 +170,31 @@ MODEL_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {
     "custom_preprocessor": ((None,), "preprocessors of RLlib's old API stack cannot be loaded"),
     "custom_action_dist": ((None,), "distributions of RLlib's old API stack cannot be loaded"),
 }
+
+
+_ITERATIONS = ("max_iterations", "num_iterations", "n_iterations", "iterations", "training_iterations", "max_iter")
+_STEPS = ("total_timesteps", "total_steps", "timesteps", "max_timesteps", "num_timesteps", "env_steps", "steps")
+_EPISODE = ("max_episode_steps", "max_episode_length", "episode_length", "max_steps", "time_limit")
+
+#: The key for each word. Words of `old_keys` have exactly the meaning of their key and replace it; these words are only
+#: suggestions, between which the user decides.
+OTHER_WORDS: dict[str, str] = {
+    **dict.fromkeys(_ITERATIONS, "training_iteration"),
+    **dict.fromkeys(_STEPS, "num_env_steps_sampled_lifetime"),
+    **dict.fromkeys(_EPISODE, "horizon"),
+    **dict.fromkeys(("n_steps", "num_steps", "rollout_length", "unroll_length"), "rollout_fragment_length"),
+    **dict.fromkeys(("num_envs", "n_envs"), "num_envs_per_env_runner"),
+    **dict.fromkeys(("workers", "n_workers", "num_actors"), "num_env_runners"),
+    **dict.fromkeys(("discount", "discount_factor"), "gamma"),
+    **dict.fromkeys(("clip_ratio", "clip_eps", "clip_epsilon", "clip_coef"), "clip_param"),
+    **dict.fromkeys(("net_arch", "hidden_sizes", "hidden_layers", "layers"), "fcnet_hiddens"),
+    **dict.fromkeys(("activation", "activation_fn"), "fcnet_activation"),
+    **dict.fromkeys(("update_epochs", "epochs"), "num_epochs"),
+    "algo": "algorithm",
+}
+
+
+def key_hint(word: str, known: Collection[str]) -> str:
+    """Return a hint with the known key that a word may refer to, in the form of `did_you_mean`."""
+    key = OTHER_WORDS.get(word)
+    return f"did you mean `{key}`?" if key in known else did_you_mean(word, known)

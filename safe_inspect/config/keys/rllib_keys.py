@@ -8,8 +8,12 @@ installed release of Ray.
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from safe_inspect.config.keys import by_name
@@ -254,3 +258,36 @@ PLACE_KEYS = frozenset(
     or name in ("env_runner", "learner", "learner_threads", "torch_num_threads", "placement_strategy")
     or name in ("local_gpu_idx", "num_env_runners")
 )
+
+
+#: File that is written by ``scripts/rllib_keys.py`` from the pinned release of Ray.
+RELEASE = Path(__file__).with_name("rllib_release.json")
+
+
+def keys_of_release(algorithm: str) -> frozenset[str] | None:
+    """Return the names of the keys of an algorithm.
+
+    The result is None if another release of Ray than that of the list is installed: its names are known only when it is
+    loaded.
+
+    Args:
+        algorithm: Name of the algorithm.
+    """
+    listed, installed = _listed(), _installed()
+    if installed not in (None, listed["ray"]):
+        return None
+    return frozenset(listed["every algorithm"]) | frozenset(listed[algorithm])
+
+
+@lru_cache
+def _listed() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(RELEASE.read_text(encoding="utf-8"))
+    return found
+
+
+@lru_cache
+def _installed() -> str | None:
+    try:
+        return version("ray")
+    except PackageNotFoundError:
+        return None

@@ -74,32 +74,23 @@ STOP_COUNTS = (
     "time_total_s",
     "env_runners/num_episodes_lifetime",
 )
+_MEANS = ("episode_return_mean", "episode_len_mean", "success_rate", "inspected_fraction")
 STOP_KEYS = (
     *STOP_COUNTS,
-    "env_runners/episode_return_mean",
     "env_runners/episode_return_max",
     "env_runners/episode_return_min",
-    "env_runners/episode_len_mean",
-    "env_runners/success_rate",
-    "env_runners/inspected_fraction",
-    "evaluation/env_runners/episode_return_mean",
-    "evaluation/env_runners/episode_len_mean",
-    "evaluation/env_runners/success_rate",
-    "evaluation/env_runners/inspected_fraction",
+    *(f"{place}env_runners/{name}" for place in ("", "evaluation/") for name in _MEANS),
 )
 
-STOP_RENAMED: dict[str, str] = by_name(
+STOP_RENAMED: dict[str, str] = {name: f"env_runners/{name}" for name in _MEANS} | by_name(
     {
         "num_env_steps_sampled_lifetime": """
             timesteps_total num_env_steps_sampled env_runners/num_env_steps_sampled_lifetime
         """,
         "env_runners/num_episodes_lifetime": "episodes_total",
-        "env_runners/episode_return_mean": "episode_reward_mean episode_return_mean",
+        "env_runners/episode_return_mean": "episode_reward_mean",
         "env_runners/episode_return_max": "episode_reward_max",
         "env_runners/episode_return_min": "episode_reward_min",
-        "env_runners/episode_len_mean": "episode_len_mean",
-        "env_runners/success_rate": "success_rate",
-        "env_runners/inspected_fraction": "inspected_fraction",
         "evaluation/env_runners/episode_return_mean": "evaluation/episode_reward_mean",
         "evaluation/env_runners/episode_len_mean": "evaluation/episode_len_mean",
     }

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from datetime import date
 from typing import Any
 
 import yaml
 
-from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal
+from safe_inspect.config.loading.located import LocatedDict, LocatedList, Removal, marked, with_marks
 from safe_inspect.config.loading.syntax import OTHER_BASE
 from safe_inspect.errors import Location, Problem
 
 _STANDARD = "tag:yaml.org,2002:"
 _SAFE = yaml.constructor.SafeConstructor()
+#: Function that constructs the value of each type of scalar; ``=`` and ``<<`` are strings where they are values.
 _SCALARS: dict[str, Callable[[Any], Any]] = {
-    f"{_STANDARD}str": lambda node: node.value,
-    f"{_STANDARD}value": lambda node: node.value,
-    f"{_STANDARD}merge": lambda node: node.value,
-    f"{_STANDARD}int": _SAFE.construct_yaml_int,
-    f"{_STANDARD}float": _SAFE.construct_yaml_float,
-    f"{_STANDARD}bool": _SAFE.construct_yaml_bool,
-    f"{_STANDARD}null": _SAFE.construct_yaml_null,
-    f"{_STANDARD}timestamp": _SAFE.construct_yaml_timestamp,
-    f"{_STANDARD}binary": _SAFE.construct_yaml_binary,
-}
+    f"{_STANDARD}{name}": getattr(_SAFE, f"construct_yaml_{name}")
+    for name in ("str", "int", "float", "bool", "null", "timestamp", "binary")
+} | dict.fromkeys((f"{_STANDARD}value", f"{_STANDARD}merge"), _SAFE.construct_yaml_str)
 
 #: The tag of a list's item that is replaced by the items of a file.
 _EXTEND = "!include-extend"
@@ -32,26 +27,21 @@ _EXTEND = "!include-extend"
 _KINDS = {"int": "whole number", "float": "number", "bool": "truth value", "timestamp": "date"}
 
 
+@dataclass
 class Constructor:
     """Builder of one document's tree, which collects the mistakes.
 
-    Args:
+    Attributes:
         place: Function from a mark to its location.
         include: Function from the name of an included file and the location of the tag to the file's tree.
         problems: List to which mistakes are added; a wrong value becomes None.
     """
 
-    def __init__(
-        self,
-        place: Callable[[Any], Location],
-        include: Callable[[str, Location], Any],
-        problems: list[Problem],
-    ) -> None:
-        self._place = place
-        self._include = include
-        self._problems = problems
-        self._built: dict[int, Any] = {}
-        self._open: set[int] = set()
+    place: Callable[[Any], Location]
+    include: Callable[[str, Location], Any]
+    problems: list[Problem]
+    _built: dict[int, Any] = field(default_factory=dict)
+    _open: set[int] = field(default_factory=set)
 
     def document(self, root: Any) -> Any:
         """Return the tree of a document."""
@@ -79,7 +69,7 @@ class Constructor:
             if tag == "!include":
                 if not node.value.strip():
                     return self._wrong(node, "`!include` names no file", "write `!include FILE`")
-                return self._include(node.value.strip(), self._place(node.start_mark))
+                return self.include(node.value.strip(), self.place(node.start_mark))
             if tag == "!remove" and not node.value:
                 return Removal()
             if tag in _SCALARS:
@@ -102,20 +92,17 @@ class Constructor:
         )
 
     def _sequence(self, node: Any) -> LocatedList:
-        items: list[Any] = []
-        marks: dict[int, Location] = {}
+        pairs: list[tuple[Any, Location | None]] = []
         for item in node.value:
             if isinstance(item, yaml.ScalarNode) and item.tag == _EXTEND:
-                more = self._include(item.value.strip(), self._place(item.start_mark)) if item.value.strip() else None
+                more = self.include(item.value.strip(), self.place(item.start_mark)) if item.value.strip() else None
                 if isinstance(more, LocatedList):
-                    marks |= {len(items) + index: mark for index, mark in more.marks.items()}
-                    items += more
+                    pairs += marked(more)
                 elif more is not None or not item.value.strip():
                     self._wrong(item, f"`{_EXTEND}` needs a file that contains a list", "use `!include` for any other")
             else:
-                marks[len(items)] = self._place(item.start_mark)
-                items.append(self.build(item))
-        return LocatedList(items, marks, self._place(node.start_mark))
+                pairs.append((self.build(item), self.place(item.start_mark)))
+        return with_marks(pairs, self.place(node.start_mark))
 
     def _scalar(self, node: Any) -> Any:
         try:
@@ -130,14 +117,14 @@ class Constructor:
             return self._wrong(node, f"{node.value!r} is not a valid {kind}", "quote it if it is a string")
 
     def _mapping(self, node: Any) -> LocatedDict:
-        tree = LocatedDict(location=self._place(node.start_mark))
+        tree = LocatedDict(location=self.place(node.start_mark))
         merged: list[Any] = []
         lines: dict[Any, int] = {}
         for key_node, value_node in node.value:
             merging = key_node.tag == f"{_STANDARD}merge"
             key = "<<" if merging else self.build(key_node)
             value = self.build(value_node)
-            place = self._place(key_node.start_mark)
+            place = self.place(key_node.start_mark)
             try:
                 first = lines.setdefault(key, place.line)
             except TypeError:
@@ -167,4 +154,4 @@ class Constructor:
         return sources
 
     def _wrong(self, node: Any, message: str, hint: str) -> None:
-        self._problems.append(Problem(message, location=self._place(node.start_mark), hint=hint))
+        self.problems.append(Problem(message, location=self.place(node.start_mark), hint=hint))

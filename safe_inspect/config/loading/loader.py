@@ -10,16 +10,68 @@ that file. ``key: !remove`` in a mapping that is merged removes the key of an ea
 
 from __future__ import annotations
 
+import difflib
 import os
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.config.loading.construct import Constructor
-from safe_inspect.config.loading.includes import display_path, hint, places
 from safe_inspect.config.loading.located import KeyPath, locate, path_text, value_at
 from safe_inspect.config.loading.syntax import compose, decode
 from safe_inspect.errors import ConfigError, Location, Problem, RegistryError
-from safe_inspect.plugins.registry import import_user_module
+from safe_inspect.plugins.registry import PEERS, import_user_module
+
+
+def places(name: str, including: Path | None, outermost: Path | None) -> list[Path]:
+    """Return the paths that the name of an included file can refer to, in the order in which they are tried.
+
+    Args:
+        name: The name as written.
+        including: The file that includes it; None for the command line.
+        outermost: The file whose loading started the includes.
+    """
+    path = Path(name)
+    if path.is_absolute():
+        return [path]
+    if name.startswith(("./", "../")):
+        return [(including.parent if including else Path.cwd()) / path]
+    found = [Path.cwd() / path]
+    for file in filter(None, (outermost, including)):  # the nearest folder above the file that contains `configs`
+        found += [folder / path for folder in file.parents if (folder / "configs").is_dir()][:1]
+    inside = path.relative_to("configs") if path.parts[:1] == ("configs",) else path
+    found.append(configs_root() / inside)
+    return list(dict.fromkeys(Path(os.path.normpath(place)) for place in found))
+
+
+def _similar_file(name: str, tried: list[Path], including: Path | None) -> str:
+    """Return a suggestion for the name of a file that was not found; empty if no name is similar."""
+    if including is not None and not name.startswith(".") and os.path.isfile(including.parent / name):
+        return f"to include the file next to this one, write `./{name}`"
+    written = Path(name).parts
+    for place in tried:
+        missing = place
+        while missing != missing.parent and not os.path.isdir(missing.parent):  # also for names that are too long
+            missing = missing.parent
+        try:
+            entries = [entry for entry in os.scandir(missing.parent) if entry.is_file() == (missing == place)]
+        except OSError:
+            continue
+        names = [entry.name for entry in entries if Path(entry) != including]
+        near = difflib.get_close_matches(missing.name, names, n=1)
+        start = len(written) - 1 - len(place.parts) + len(missing.parts)
+        if near and start >= 0:
+            lead = "./" if name.startswith("./") else ""
+            spelled = Path(*written[:start], near[0], *written[start + 1 :]).as_posix()
+            return f"did you mean `{lead}{spelled}`?"
+    return ""
+
+
+def display_path(path: Path) -> str:
+    """Return a path as messages print it: relative to the working directory if it is inside it."""
+    below = path.is_relative_to(Path.cwd())
+    return (path.relative_to(Path.cwd()) if below else path).as_posix()
+
 
 COMMAND_LINE = "command line"
 
@@ -86,7 +138,7 @@ def import_plugins(tree: Any, where: KeyPath) -> None:
     paths = value_at(tree, where)
     problems = []
     for index, name in enumerate(paths if isinstance(paths, list) else ()):
-        if str(name).split(".")[0] in ("corl", "safe_autonomy_sims", "safe_autonomy_simulation"):
+        if str(name).split(".")[0] in PEERS:
             continue
         try:
             import_user_module(str(name))
@@ -143,7 +195,7 @@ class _Loading:
         if path is None:
             what = "no file" if location is None else "the included file does not exist:"
             looked = ", ".join(display_path(place) for place in tried)
-            return self._wrong(f"{what} {name!r} (searched: {looked})", location, hint(name, tried, including))
+            return self._wrong(f"{what} {name!r} (searched: {looked})", location, _similar_file(name, tried, including))
         if path in self._chain:
             chain = [*self._chain[self._chain.index(path) :], path]
             arrows = " -> ".join(display_path(file) for file in chain)
@@ -180,7 +232,7 @@ class _Loading:
             return self._wrong("the file is empty", Location(file, 1), "write a mapping, or `{}` for an empty one")
 
         def place(mark: Any) -> Location:
-            return Location(file, mark.line + 1, mark.column + 1)
+            return Location(file, mark.line + 1)
 
         return Constructor(place, self.include, self.problems).document(node)
 

@@ -114,13 +114,27 @@ def rewritten(source: Any, items: Any = None) -> Any:
     return kind(found, getattr(source, "marks", None), getattr(source, "location", None))
 
 
+def with_marks(pairs: Iterable[tuple[Any, Location | None]], location: Location | None) -> LocatedList:
+    """Return the list of some items, each with its location."""
+    items, marks = list(pairs), {}
+    for index, (_, mark) in enumerate(items):
+        if mark is not None:
+            marks[index] = mark
+    return LocatedList([item for item, _ in items], marks, location)
+
+
+def marked(items: Sequence[Any]) -> list[tuple[Any, Location | None]]:
+    """Return each item of a list with its location."""
+    return [(item, locate(items, (index,))) for index, item in enumerate(items)]
+
+
 def with_value(tree: Any, path: KeyPath, value: Any, location: Location | None) -> Any:
-    """Return the tree with another value at a path; only the containers on the path are copied."""
+    """Return the tree with another value at a path; missing mappings are added, containers on the path are copied."""
     if not path:
         return value
     key, rest = path[0], path[1:]
-    copied = rewritten(tree)
-    copied[key] = with_value(tree[key], rest, value, location) if has(tree, key) else value
+    copied = rewritten(LocatedDict() if tree is None else tree)
+    copied[key] = with_value(tree[key] if has(tree, key) else None, rest, value, location)
     if not rest and location is not None:
         copied.marks.pop(key, None)  # so that the newest key comes last
         copied.marks[key] = location

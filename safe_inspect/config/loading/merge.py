@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import REPLACED, LocatedDict, LocatedList, Removal, locate
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, LocatedList, Removal, locate, marked, with_marks
 from safe_inspect.errors import ConfigError, Location, Problem, did_you_mean
 
 #: Suffix of a key whose list is appended.
@@ -113,14 +113,12 @@ def _with_item(items: list[Any], name: str, value: Any, location: Location | Non
         if found:
             text, hint = f"{len(found)} items of the list are named {name!r}", "give them unique names"
         raise ConfigError(Problem(text, location=location, hint=hint))
-    marks: dict[int, Location] = {}
-    made: list[Any] = []
-    for index, item in enumerate(items):
-        if index not in found or not isinstance(value, Removal):
-            mark = location if index in found and not isinstance(value, Mapping) else locate(items, (index,))
-            marks |= {len(made): mark} if mark else {}
-            made.append(_over(item, value) if index in found else item)
-    return LocatedList(made, marks, getattr(items, "location", None))
+    pairs = marked(items)
+    item, mark = pairs[found[0]]
+    over = (
+        [] if isinstance(value, Removal) else [(_over(item, value), mark if isinstance(value, Mapping) else location)]
+    )
+    return with_marks([*pairs[: found[0]], *over, *pairs[found[0] + 1 :]], getattr(items, "location", None))
 
 
 def items_named(items: list[Any], name: str) -> list[int]:
@@ -173,9 +171,7 @@ def append(merged: LocatedDict, key: str, items: Any, location: Location | None)
         if not isinstance(value, list):
             raise ConfigError(Problem(f"{what} must be a list, not {value!r}", key + APPEND, location))
     assert isinstance(base, list)
-    marks = {index: mark for index in range(len(base)) if (mark := locate(base, (index,))) is not None}
-    marks |= {len(base) + index: mark for index in range(len(items)) if (mark := locate(items, (index,))) is not None}
-    merged[key] = LocatedList([*base, *items], marks, getattr(base, "location", None))
+    merged[key] = with_marks([*marked(base), *marked(items)], getattr(base, "location", None))
     if location is not None:
         merged.marks.pop(key, None)  # so that the newest key comes last
         merged.marks[key] = location

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text, rewritten
-from safe_inspect.errors import ConfigError, Location, Problem, UnitError, did_you_mean
-from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.errors import Location, Problem, UnitError, did_you_mean
 from safe_inspect.units import unit
 
 STORE = "reference_store"
 REFERENCES = "references"
 
 
-def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
+def expand_references(tree: Any, problems: list[Problem]) -> Any:
     """Replace every reference by its value in the store.
 
     A mapping with ``references: {field: key}`` gets ``config[field] = store[key]``, and its
@@ -23,21 +22,12 @@ def expand_references(tree: Any, problems: list[Problem] | None = None) -> Any:
 
     Args:
         tree: A loaded configuration.
-        problems: List to which mistakes are added, to be reported with others. Default: an error is raised.
+        problems: List to which mistakes are added: references without a target, and fields that are also in ``config``.
 
     Returns:
         A new tree; the given one is not changed. A field with a wrong reference is left out.
-
-    Raises:
-        ConfigError: References have no target, or fields are also in ``config``; all are listed.
     """
-    found: list[Problem] = []
-    expanded = _expand(tree, None, (), found, tree)
-    if found and problems is None:
-        raise ConfigError(found)
-    if problems is not None:
-        problems += found
-    return expanded
+    return _expand(tree, None, (), problems, tree)
 
 
 def _expand(node: Any, store: Any, path: tuple[Any, ...], problems: list[Problem], root: Any) -> Any:
@@ -102,7 +92,7 @@ def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: 
 
 def _value(stored: Any, place: Location | None) -> Any:
     """Return the meaning of a stored value; a constant parameter of safe-autonomy-sims becomes its value with units."""
-    if isinstance(stored, Mapping) and _is_constant(stored.get("type")):
+    if isinstance(stored, Mapping) and str(stored.get("type")).rpartition(".")[2] == "ConstantParameter":
         config = stored.get("config")
         if isinstance(config, Mapping) and "value" in config:
             value, units = config["value"], config.get("units")
@@ -111,10 +101,6 @@ def _value(stored: Any, place: Location | None) -> Any:
         stored = rewritten(stored)
         stored.location = place
     return stored
-
-
-def _is_constant(name: Any) -> bool:
-    return isinstance(name, str) and ALIASES.get(name, name).rpartition(".")[2] == "ConstantParameter"
 
 
 def _is_pure(value: Any, units: Any) -> bool:

@@ -58,10 +58,10 @@ def compose(text: str, file: str) -> Any:
         raise ConfigError(_problem(error, text, file)) from None
     except yaml.reader.ReaderError as error:
         where = yaml.reader.Reader.NON_PRINTABLE.search(text)
-        line, column = _position(text, where.start()) if where else (1, 1)
+        line = text.count("\n", 0, where.start()) + 1 if where else 1
         character = f"U+{ord(where[0]):04X}" if where else error.reason
         message = f"not valid YAML: the control character {character} is not allowed"
-        raise ConfigError(Problem(message, location=Location(file, line, column), hint="remove it")) from None
+        raise ConfigError(Problem(message, location=Location(file, line), hint="remove it")) from None
 
 
 def _check_depth(text: str, file: str) -> None:
@@ -77,7 +77,7 @@ def _check_depth(text: str, file: str) -> None:
         for event in yaml.parse(text, Loader=_Parser):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEPTH:
-                where = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
+                where = Location(file, event.start_mark.line + 1)
                 hint = "put a part of them into a separate file"
                 raise ConfigError(Problem("the values are nested too deeply", location=where, hint=hint))
     except yaml.YAMLError:
@@ -93,11 +93,9 @@ def decode(data: bytes, file: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        before = data[: error.start]
-        line = before.count(b"\n") + 1
-        column = error.start - (before.rfind(b"\n") + 1) + 1
+        line = data.count(b"\n", 0, error.start) + 1
         message = f"the file is not UTF-8 text (the byte 0x{data[error.start]:02x})"
-        raise ConfigError(Problem(message, location=Location(file, line, column), hint="save it as UTF-8")) from None
+        raise ConfigError(Problem(message, location=Location(file, line), hint="save it as UTF-8")) from None
 
 
 def _problem(error: Any, text: str, file: str) -> Problem:
@@ -115,8 +113,4 @@ def _problem(error: Any, text: str, file: str) -> Problem:
     )
     detail = f"column {mark.column + 1}{also}; the parser says: {said}"
     message = f"not valid YAML: {words} ({detail})" if words else f"not valid YAML ({detail})"
-    return Problem(message, location=Location(file, mark.line + 1, mark.column + 1))
-
-
-def _position(text: str, index: int) -> tuple[int, int]:
-    return text.count("\n", 0, index) + 1, index - text.rfind("\n", 0, index)
+    return Problem(message, location=Location(file, mark.line + 1))

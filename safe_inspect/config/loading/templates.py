@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.config.loading.located import REPLACED, LocatedDict, LocatedList, locate, path_text, rewritten
-from safe_inspect.errors import Location, Problem, did_you_mean
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, locate, path_text, rewritten, with_marks
+from safe_inspect.errors import Problem, did_you_mean
 
 #: Placeholder of the number in a name.
 NUMBER = "#"
@@ -39,11 +39,10 @@ def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
             for index, entry in enumerate(entries)
             for copy in write(entry, tree, (key, index), counts, problems)
         ]
-        marks: dict[Any, Location] = {
-            name: mark for name, mark in getattr(entries, "marks", {}).items() if name == REPLACED
-        }
-        marks |= {number: mark for number, (_, mark) in enumerate(written) if mark is not None}
-        expanded[key] = LocatedList([copy for copy, _ in written], marks, getattr(entries, "location", None))
+        expanded[key] = with_marks(written, getattr(entries, "location", None))
+        replaced = getattr(entries, "marks", {}).get(REPLACED)
+        if replaced is not None:
+            expanded[key].marks[REPLACED] = replaced
     return expanded
 
 

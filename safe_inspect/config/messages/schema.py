@@ -14,7 +14,6 @@ from safe_inspect.config.models.experiment import (
     PolicyConfig,
     TaskConfig,
 )
-from safe_inspect.plugins.aliases import ALIASES
 from safe_inspect.plugins.functor import SCHEMA_KIND, name_key
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
@@ -72,7 +71,7 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         "title": cls.registered_name,
         "description": description,
         "properties": {
-            key: _name(cls),
+            key: {"anyOf": [{"const": cls.registered_name}, {"pattern": rf"\.{cls.__name__}$"}]},
             "name": {"type": "string", "description": "The name in metrics and messages."},
             "config": fields,
             "references": {
@@ -81,9 +80,14 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
                 "additionalProperties": {"type": "string"},
             },
         },
-        "required": [key],
+        "required": [],
         "additionalProperties": False,
     }
+    if key == "functor":
+        schema["required"].append(key)
+    else:
+        schema["properties"]["functor"] = schema["properties"][key]
+        schema["oneOf"] = [{"required": [key]}, {"required": ["functor"]}]
     if wrapped is not None:
         schema["properties"]["wrapped"] = wrapped
         if "wrapped" in needed:
@@ -93,13 +97,6 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         given = {"properties": {"config": {"required": needed}}, "required": ["config"]}
         schema["anyOf"] = [given, {"required": ["references"]}]
     return schema
-
-
-def _name(cls: type[Plugin]) -> dict[str, Any]:
-    """Return the schema of the names that refer to a plugin in a configuration."""
-    name = cls.registered_name
-    others = sorted(path for path, alias in ALIASES.items() if alias == name and not path.endswith(f".{name}"))
-    return {"anyOf": [{"const": name}, {"pattern": rf"\.{cls.__name__}$"}, *({"const": other} for other in others)]}
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """The models of an experiment's files: environment, platform, agent, policy, task and experiment.
 
-Plugins in them are built by the plugins' own validation. Keys without an effect are in `compat`.
+Plugins in them are built by the plugins' own validation. Some keys of safe-autonomy-sims have no effect here and are
+only checked; they are the first fields of their models, under a comment.
 """
 
 from __future__ import annotations
@@ -10,24 +11,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, InstanceOf, WithJsonSchema, model_validator
 
-from safe_inspect.config.models.compat import (
-    AgentBodyKeys,
-    AgentKeys,
-    EnvironmentKeys,
-    KnownPlatform,
-    PlatformKeys,
-    ResetKeys,
-    TaskBodyKeys,
-    TaskKeys,
-    platform_class,
-)
-from safe_inspect.dones.time_limit import MAX_HORIZON
+from safe_inspect.dones.limits import MAX_HORIZON
 from safe_inspect.errors import RegistryError, did_you_mean
-from safe_inspect.plugins.aliases import ALIASES
+from safe_inspect.platforms.base import Platform
 from safe_inspect.plugins.functor import SCHEMA_KIND, Named, build, functor_field
-from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.plugins.registry import registry
-from safe_inspect.plugins.strict_numbers import StrictNumbers
+from safe_inspect.plugins.plugin import Plugin, StrictNumbers
+from safe_inspect.plugins.registry import own_name, registry
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.units import PositiveFrequency
@@ -51,6 +40,18 @@ def _named_field(kind: str) -> Any:
     ]
 
 
+def _one_of(*names: str) -> Any:
+    """Return a field type for a class name of which only some are supported; a module before it has no effect."""
+
+    def check(value: str) -> str:
+        name = value.rpartition(".")[2]
+        if name not in names:
+            raise ValueError(f"unknown class {value!r}; {did_you_mean(name, names)}")
+        return name
+
+    return Annotated[str, AfterValidator(check)]
+
+
 def _number(value: Any) -> Any:
     """Return a constant parameter for a plain number; other values are unchanged."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
@@ -72,6 +73,29 @@ class Model(StrictNumbers):
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
 
+class Provider(Model):
+    """The source of episode parameters in safe-autonomy-sims; here all parameters are sampled at every reset."""
+
+    type: _one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
+
+
+def platform_class(name: str) -> type[Platform]:
+    """Return the platform class of a name: its short name, such as `cwh`, its registered name or a dotted path.
+
+    Raises:
+        RegistryError: There is no such platform.
+    """
+    for _, cls in registry.items("platform"):
+        if name and cls.short_name == name:
+            return cls  # type: ignore[no-any-return]
+    return registry.get("platform", name)
+
+
+def _known_platform(name: str) -> str:
+    platform_class(name)
+    return name
+
+
 def _is_a_point(name: str) -> str:
     if platform_class(name).turns:
         raise ValueError(f"{name!r} has an attitude; a body in addition to the deputies must be a point")
@@ -80,7 +104,7 @@ def _is_a_point(name: str) -> str:
 
 def _has_an_entity(name: str) -> str:
     known = [other for other, cls in registry.items("component") if cls.entity]
-    name = ALIASES.get(name, name)
+    name = own_name(name)
     try:
         cls = registry.get("component", name)
     except RegistryError:
@@ -100,17 +124,27 @@ class EntityConfig(Model):
         config: Parameters of the initialiser or of the component.
     """
 
-    platform: Annotated[KnownPlatform, AfterValidator(_is_a_point)] | None = None
+    platform: Annotated[str, AfterValidator(_is_a_point)] | None = None
     entity_class: Annotated[str, AfterValidator(_has_an_entity)] | None = None
     initializer: functor_field("initializer") | None = None  # type: ignore[valid-type]
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
-class ResetParameters(ResetKeys, Model):
+def _known_initializer(value: Any) -> Any:
+    name = value.get("functor") if isinstance(value, Mapping) else value
+    if name is not None:
+        registry.get("initializer", str(name))
+    return value
+
+
+class ResetParameters(Model):
     """Distributions that are sampled at a reset: named parameters, and the bodies in addition to the deputies."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ParameterField]  # type: ignore[valid-type]
+
+    # of safe-autonomy-sims; the initialisers of the agents replace it
+    initializer: Annotated[Any, AfterValidator(_known_initializer)] = None
 
     additional_entities: dict[str, EntityConfig] = Field(default_factory=dict)
 
@@ -121,7 +155,7 @@ class SharedDones(Model):
     shared: tuple[_named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
 
 
-class EnvironmentConfig(EnvironmentKeys, Model):
+class EnvironmentConfig(Model):
     """``environment.yml``.
 
     Attributes:
@@ -137,6 +171,10 @@ class EnvironmentConfig(EnvironmentKeys, Model):
         output_path: Folder in which run folders are created.
     """
 
+    # of safe-autonomy-sims
+    platforms: _one_of("CWHSimulator_Platforms") = "CWHSimulator_Platforms"  # type: ignore[valid-type]
+    episode_parameter_provider: Provider = Provider()
+
     horizon: int | None = Field(default=None, ge=1, le=MAX_HORIZON)
     simulator: functor_field("simulator")  # type: ignore[valid-type]
     simulator_reset_parameters: ResetParameters = ResetParameters()
@@ -148,10 +186,17 @@ class EnvironmentConfig(EnvironmentKeys, Model):
     output_path: str = "output"
 
 
-class PlatformConfig(PlatformKeys, Model):
-    """``platform.yml``: ``config`` contains the platform's fields."""
+class PlatformConfig(Model):
+    """``platform.yml``: a label, the name of the platform's class, and in ``config`` the platform's fields."""
 
+    name: str = ""
+    platform: Annotated[str, AfterValidator(_known_platform)] = "cwh"
     config: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def functor(self) -> type[Platform]:
+        """The class of the platform."""
+        return platform_class(self.platform)
 
 
 class AgentReset(Model):
@@ -161,8 +206,11 @@ class AgentReset(Model):
     config: dict[str, ParameterField] = Field(default_factory=dict)  # type: ignore[valid-type]
 
 
-class AgentBody(AgentBodyKeys, Model):
+class AgentBody(Model):
     """Body of an agent's configuration; see `AgentConfig`."""
+
+    # of safe-autonomy-sims
+    episode_parameter_provider: Provider = Provider()
 
     frame_rate: PositiveFrequency = 0.1
     parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
@@ -173,8 +221,11 @@ class AgentBody(AgentBodyKeys, Model):
     reference_store: dict[str, Any] = Field(default_factory=dict)
 
 
-class AgentConfig(AgentKeys, Model):
+class AgentConfig(Model):
     """``agent.yml``: the agent's parts, glues, rewards and dones."""
+
+    # of safe-autonomy-sims
+    agent: _one_of("TrainableBaseAgent") = "TrainableBaseAgent"  # type: ignore[valid-type]
 
     config: AgentBody
 
@@ -208,11 +259,6 @@ class PolicyConfig(Model):
         if self.functor is None and self.checkpoint is None and not self.algorithm:
             object.__setattr__(self, "algorithm", "PPO")
         return self
-
-    @property
-    def scripted(self) -> Any:
-        """The scripted policy in the form of `safe_inspect.plugins.functor.build`; None for other policies."""
-        return None if self.functor is None else {"functor": self.functor, "config": self.config}
 
 
 class PlatformEntry(Model):
@@ -252,8 +298,16 @@ class AgentEntry(Model):
         return self.policy_name or self.name
 
 
-class TaskBody(TaskBodyKeys, Model):
+class TaskBody(Model):
     """The task's configurations, with lists of mappings already merged; see `TaskConfig`."""
+
+    # of safe-autonomy-sims: callbacks, the choice of a computer, and `_updates`, with anchors
+    auto_system_detect_class: Any = None
+    extra_callbacks: tuple[_one_of("InspectionCallbacks"), ...] = ()  # type: ignore[valid-type]
+    rllib_config_updates: dict[str, Any] | None = None
+    ray_config_updates: dict[str, Any] | None = None
+    env_config_updates: dict[str, Any] | None = None
+    tune_config_updates: dict[str, Any] | None = None
 
     rllib_configs: dict[str, dict[str, Any]] = Field(default_factory=dict)
     ray_config: dict[str, Any] = Field(default_factory=dict)
@@ -261,8 +315,12 @@ class TaskBody(TaskBodyKeys, Model):
     tune_config: dict[str, Any] = Field(default_factory=dict)
 
 
-class TaskConfig(TaskKeys, Model):
+class TaskConfig(Model):
     """``task.yml``: RLlib, Ray, the environment and Tune."""
+
+    # of safe-autonomy-sims
+    auto_system_detect_class: Any = None
+    experiment_class: _one_of("RllibExperiment") = "RllibExperiment"  # type: ignore[valid-type]
 
     config: TaskBody
 

@@ -14,6 +14,8 @@ from safe_inspect.errors import RegistryError
 from safe_inspect.plugins.functor import name_key
 from safe_inspect.plugins.registry import registry
 
+_UNIONS = (typing.Union, types.UnionType)
+
 
 def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = None) -> set[str]:
     """Return the keys that are permitted in a mapping of the tree; none if its model is unknown.
@@ -64,21 +66,15 @@ def _marked(
     said = next((extra[mark] for extra in extras if isinstance(extra, Mapping) and mark in extra), None)
     if said is not None and not isinstance(value, (list, Mapping)):
         yield path, value, said
-    for variant in _members(annotation):
-        if variant is not annotation:
+    if typing.get_origin(annotation) in _UNIONS:
+        for variant in typing.get_args(annotation):
             yield from _marked(mark, value, variant, metadata, path)
-        elif isinstance(value, Mapping) and _is_model(variant):
-            yield from written_values(mark, value, variant, path)
-        elif isinstance(value, list):
-            items = [item for item in typing.get_args(variant) if item is not Ellipsis]
-            for index, item in enumerate(value if items else ()):
-                yield from _marked(mark, item, items[min(index, len(items) - 1)], (), (*path, index))
-
-
-def _members(annotation: Any) -> tuple[Any, ...]:
-    """Return the members of a union, or the annotation itself."""
-    is_union = typing.get_origin(annotation) in (typing.Union, types.UnionType)
-    return typing.get_args(annotation) if is_union else (annotation,)
+    elif isinstance(value, Mapping) and _is_model(annotation):
+        yield from written_values(mark, value, annotation, path)
+    elif isinstance(value, list):
+        items = [item for item in typing.get_args(annotation) if item is not Ellipsis]
+        for index, item in enumerate(value if items else ()):
+            yield from _marked(mark, item, items[min(index, len(items) - 1)], (), (*path, index))
 
 
 def plugin_of(functor: Any) -> type[BaseModel] | None:
@@ -86,7 +82,7 @@ def plugin_of(functor: Any) -> type[BaseModel] | None:
     if not isinstance(functor, Mapping):
         return None
     for kind in registry.kinds():
-        name = functor.get(name_key(kind))
+        name = functor.get(name_key(kind, functor))
         if isinstance(name, str):
             try:
                 return registry.get(kind, name)
@@ -114,7 +110,7 @@ def _variants(annotation: Any) -> Iterator[Any]:
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         yield from _variants(typing.get_args(annotation)[0])
-    elif origin in (typing.Union, types.UnionType):
+    elif origin in _UNIONS:
         for member in typing.get_args(annotation):
             yield from _variants(member)
     else:

@@ -1,20 +1,213 @@
-"""`ClohessyWiltshireAttitude`: a rigid body about a circular orbit, with thrusters and reaction wheels."""
+"""`ClohessyWiltshireAttitude`: a rigid body about a circular orbit, with thrusters and reaction wheels.
+
+Position and attitude move together under held forces and moments:
+
+    p'' = CWH(p, p') + R(q) F / m,        q' = q [w, 0] / 2 - n [0, 0, 1, 0] q / 2,        J w' = M - w x J w
+
+where q is the attitude from body to Hill's frame and w the body's angular velocity relative to inertial space, in body
+axes. The second term of q' is the rotation of Hill's frame at the rate n. Each component of w' is limited. Each
+component of w is limited too: where it would exceed its limit, its derivative is 0.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from safe_inspect.compiling import Kernel, njit
-from safe_inspect.dynamics.attitude.coupled_row import TurningBody, coupled_step, rests, vector_of
+from safe_inspect.dynamics.attitude.rigid_body import (
+    RotationState,
+    Vector,
+    moved_rotation,
+    moved_vector,
+    rotation_rates,
+)
 from safe_inspect.dynamics.base import Dynamics
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.cwh_row import cwh_row
+from safe_inspect.dynamics.cwh import cwh_row, row_state, transition
+from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import PositiveAngularAcceleration, PositiveAngularRate, PositiveMomentOfInertia
+
+#: Attitude and angular velocity, position and velocity.
+CoupledState = tuple[RotationState, Vector, Vector]
+#: For each axis, 1 or -1 if the angular velocity is held at its upper or lower limit, else 0.
+Held = tuple[int, int, int]
+
+#: Relative excess of an angular velocity over its limit that is attributed to rounding.
+_ROUNDING = 1e-13
+#: Largest number of attempts to end a step where an axis reaches its limit.
+_TRIES = 12
+
+
+class TurningBody(NamedTuple):
+    """Constants of a body that turns.
+
+    Attributes:
+        mean_motion: Mean motion of the chief's orbit [rad/s].
+        frame_rate: Rate at which Hill's frame turns about its z axis in the equation of the attitude [rad/s].
+        inertia: Principal moments of inertia [kg m^2].
+        rate_limit: Largest magnitude of each component of the angular velocity [rad/s].
+        acceleration_limit: Largest magnitude of each component of its derivative [rad/s^2].
+        in_body_axes: Whether the force is given in body axes; else it is in Hill's frame.
+        step_size: Length of a step [s].
+        substeps: Integration steps per step, if no axis reaches its limit.
+    """
+
+    mean_motion: float
+    frame_rate: float
+    inertia: Vector
+    rate_limit: float
+    acceleration_limit: float
+    in_body_axes: bool
+    step_size: float
+    substeps: int
+
+
+@njit(error_model="numpy")
+def _within(rate: float, limit: float, held: int) -> float:
+    """Return the derivative of an angular velocity, limited, and without an outward part if the velocity is held."""
+    rate = min(max(rate, -limit), limit)
+    if (held > 0 and rate > 0.0) or (held < 0 and rate < 0.0):
+        return 0.0
+    return rate
+
+
+@njit(error_model="numpy")
+def turning_rates(body: TurningBody, x: RotationState, moment: Vector, held: Held) -> RotationState:
+    """Return the time derivatives of the attitude [1/s] and the angular velocity [rad/s^2].
+
+    Args:
+        body: The body.
+        x: Attitude from body to Hill's frame, and angular velocity in body axes.
+        moment: Moment in body axes [N m].
+        held: Axes whose angular velocity is at a limit.
+    """
+    rates = rotation_rates(body.inertia, x, moment)
+    half, limit = 0.5 * body.frame_rate, body.acceleration_limit
+    return (
+        rates[0] + half * x[1],
+        rates[1] - half * x[0],
+        rates[2] - half * x[3],
+        rates[3] + half * x[2],
+        _within(rates[4], limit, held[0]),
+        _within(rates[5], limit, held[1]),
+        _within(rates[6], limit, held[2]),
+    )
+
+
+@njit(error_model="numpy")
+def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
+    """Return the acceleration in Hill's frame under a force per kilogram [m/s^2]."""
+    q, p, v = x
+    fx, fy, fz = force
+    if body.in_body_axes:
+        fx, fy, fz = rotated((q[0], q[1], q[2], q[3]), fx, fy, fz)
+    n = body.mean_motion
+    return 3.0 * n * n * p[0] + 2.0 * n * v[1] + fx, -2.0 * n * v[0] + fy, -n * n * p[2] + fz
+
+
+@njit(error_model="numpy")
+def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
+    """Return the time derivatives of the whole state."""
+    return turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
+
+
+@njit(error_model="numpy")
+def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
+    return moved_rotation(x[0], rate[0], dt), moved_vector(x[1], rate[1], dt), moved_vector(x[2], rate[2], dt)
+
+
+@njit(error_model="numpy")
+def _substep(
+    body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held, dt: float
+) -> CoupledState:  # fmt: skip
+    """Return the state after one step of the classical Runge-Kutta method; the attitude is not normalised."""
+    k1 = _stage(body, x, force, moment, held)
+    k2 = _stage(body, _moved(x, k1, 0.5 * dt), force, moment, held)
+    k3 = _stage(body, _moved(x, k2, 0.5 * dt), force, moment, held)
+    k4 = _stage(body, _moved(x, k3, dt), force, moment, held)
+    return _moved(_moved(_moved(_moved(x, k1, dt / 6.0), k2, dt / 3.0), k3, dt / 3.0), k4, dt / 6.0)
+
+
+@njit(error_model="numpy")
+def _side(rate: float, limit: float) -> int:
+    """Return the limit that an angular velocity has reached: 1, -1, or 0 for neither."""
+    return 1 if rate >= limit else -1 if rate <= -limit else 0
+
+
+@njit(error_model="numpy")
+def _share(before: float, after: float, limit: float, held: int) -> float:
+    """Return the fraction of a step after which an angular velocity reaches its limit, by linear interpolation.
+
+    The result is 1 if the limit is not exceeded, or the angular velocity is already held there.
+    """
+    if held != 0 or abs(after) <= limit * (1.0 + _ROUNDING):
+        return 1.0
+    return (math.copysign(limit, after) - before) / (after - before)
+
+
+@njit(error_model="numpy")
+def _tidied(x: CoupledState, limit: float) -> CoupledState:
+    """Return the state with a unit quaternion, and with angular velocities within their limit."""
+    q = x[0]
+    scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    near = limit * (1.0 - _ROUNDING)
+    wx = math.copysign(limit, q[4]) if abs(q[4]) >= near else q[4]
+    wy = math.copysign(limit, q[5]) if abs(q[5]) >= near else q[5]
+    wz = math.copysign(limit, q[6]) if abs(q[6]) >= near else q[6]
+    return (scale * q[0], scale * q[1], scale * q[2], scale * q[3], wx, wy, wz), x[1], x[2]
+
+
+@njit(error_model="numpy")
+def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vector) -> CoupledState:
+    """Return the state after a step in which force and moment are held.
+
+    The steps of the classical Runge-Kutta method end where an axis reaches its limit. The time at which it does is
+    found by linear interpolation, which is exact if the moment alone accelerates the axis, and is repeated otherwise.
+
+    Args:
+        body: The body.
+        x: The state.
+        force: Force per kilogram [m/s^2].
+        moment: Moment in body axes [N m].
+    """
+    x = _tidied(x, body.rate_limit)
+    limit, whole = body.rate_limit, body.step_size / body.substeps
+    left, wanted, tries = body.step_size, whole, 0
+    while left > 1e-12 * body.step_size:
+        q = x[0]
+        held = (_side(q[4], limit), _side(q[5], limit), _side(q[6], limit))
+        dt = min(wanted, left)
+        y = _substep(body, x, force, moment, held, dt)
+        share = min(
+            _share(q[4], y[0][4], limit, held[0]),
+            _share(q[5], y[0][5], limit, held[1]),
+            _share(q[6], y[0][6], limit, held[2]),
+        )
+        if share < 1.0 and tries < _TRIES:
+            wanted, tries = dt * share, tries + 1
+        else:
+            x, left, wanted, tries = _tidied(y, limit), left - dt, whole, 0
+    return x
+
+
+@njit(error_model="numpy")
+def rests(body: TurningBody, x: RotationState, moment: Vector) -> bool:
+    """Return whether the attitude and the angular velocity do not change."""
+    rates = turning_rates(body, x, moment, (0, 0, 0))
+    moves = 0.0
+    for rate in rates:
+        moves = max(moves, abs(rate))
+    return moves == 0.0
+
+
+@njit(error_model="numpy")
+def vector_of(array: FloatArray, start: int) -> Vector:
+    """Return three numbers of an array."""
+    return array[start], array[start + 1], array[start + 2]
 
 
 @njit(error_model="numpy")
@@ -36,7 +229,7 @@ def clohessy_wiltshire_attitude_row(
     turning = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
     p, v = vector_of(position, 0), vector_of(velocity, 0)
     if rate == 0.0:
-        coasted = cwh_row(phi, gamma, (p[0], p[1], p[2], v[0], v[1], v[2]), 0.0, 0.0, 0.0)
+        coasted = cwh_row(phi, gamma, row_state(position, velocity), 0.0, 0.0, 0.0)
         for k in range(3):
             position[k], velocity[k] = coasted[k], coasted[3 + k]
         if rests(body, turning, moment):

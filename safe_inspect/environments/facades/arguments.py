@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys.other_words import OTHER_WORDS
+from safe_inspect.config.keys.old_keys import OTHER_WORDS
 from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
 from safe_inspect.types import AnyArray, IntArray
 

@@ -20,7 +20,7 @@ from safe_inspect.environments.facades.arguments import (
     fresh_seed,
     masked_rows,
 )
-from safe_inspect.environments.facades.by_agent import AgentsByName, checked_actions
+from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError

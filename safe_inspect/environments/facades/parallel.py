@@ -13,8 +13,8 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import current_infos, info_row, step_info
 from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot, fresh_seed
-from safe_inspect.environments.facades.by_agent import AgentsByName, checked_actions, space_of
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
+from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions, space_of
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError

@@ -10,21 +10,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import MissingLibraryError, SafeInspectError
-from safe_inspect.geometry.picture import (
-    BLACK,
-    DAY,
-    DEPUTY_COLOURS,
-    FRONT,
-    GREEN,
-    GREY,
-    NIGHT,
-    ORANGE,
-    PALE,
-    VERMILION,
-    circle,
-    ring,
-    sun_arrow,
-)
+from safe_inspect.geometry import picture
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Frames per second of a recording, for Gymnasium's wrappers: an episode of 400 steps becomes a video of 16 s.
@@ -123,19 +109,19 @@ class Rendering:
             return [(middle + scale * x, middle - scale * y) for x, y in corners.tolist()]
 
         def flat(points: FloatArray) -> list[tuple[float, float]]:
-            return outline(FRONT.flat(points))
+            return outline(picture.FRONT.flat(points))
 
         state = self._environment.state
         for radius in (0.5 * reach, reach):
-            places = flat(ring(radius, _CORNERS))
-            draw.line(places, fill=PALE, width=_FINE)
-            draw.text(places[56], f"{radius:g} m", fill=GREY, font_size=11 * _FINE, anchor="mm")
-        hidden = FRONT.hidden(way, self._radius)
+            places = flat(picture.ring(radius, _CORNERS))
+            draw.line(places, fill=picture.PALE, width=_FINE)
+            draw.text(places[56], f"{radius:g} m", fill=picture.GREY, font_size=11 * _FINE, anchor="mm")
+        hidden = picture.FRONT.hidden(way, self._radius)
         for behind in (True, False):
             if not behind:
                 self._draw_chief(draw, row, outline, flat, reach)
             for deputy in range(self._deputies):
-                colour = DEPUTY_COLOURS[deputy % len(DEPUTY_COLOURS)]
+                colour = picture.DEPUTY_COLOURS[deputy % len(picture.DEPUTY_COLOURS)]
                 places = flat(way[:, deputy])
                 for first, last in _runs(hidden[1:, deputy] == behind):
                     draw.line(places[first : last + 1], fill=colour, width=2 * _FINE)
@@ -144,24 +130,24 @@ class Rendering:
                     size = float(np.sqrt(np.square(thrust).sum()))
                     if size:
                         tip = way[-1, deputy] + 0.15 * reach * thrust / size
-                        draw.line([places[-1], *flat(tip[None])], fill=BLACK, width=2 * _FINE)
+                        draw.line([places[-1], *flat(tip[None])], fill=picture.BLACK, width=2 * _FINE)
                     _dot(draw, places[-1], 5.0, colour)
         self._write(draw, row)
 
     def _draw_chief(self, draw: Any, row: int, outline: Any, flat: Any, reach: float) -> None:
         state = self._environment.state
         radius = self._radius or 0.02 * reach
-        draw.polygon(outline(circle(radius, _CORNERS)), fill=NIGHT, outline=GREY)
+        draw.polygon(outline(picture.circle(radius, _CORNERS)), fill=picture.NIGHT, outline=picture.GREY)
         if "sun_direction" in state.arrays:
             sun = state["sun_direction"][row]
             if "sunlight" not in state.arrays or state["sunlight"][row] >= 0.5:
-                draw.polygon(outline(FRONT.day(sun, radius)), fill=DAY)
-            draw.line(flat(sun_arrow(sun, reach)), fill=ORANGE, width=3 * _FINE)
+                draw.polygon(outline(picture.FRONT.day(sun, radius)), fill=picture.DAY)
+            draw.line(flat(picture.sun_arrow(sun, reach)), fill=picture.ORANGE, width=3 * _FINE)
         if self._body is not None:
             seen = state.points[self._body].inspector[row] >= 0
-            front = self._points @ FRONT.sight > 0.0
+            front = self._points @ picture.FRONT.sight > 0.0
             for place, inspected in zip(flat(self._points[front]), seen[front].tolist(), strict=True):
-                _dot(draw, place, 2.0, GREEN if inspected else VERMILION)
+                _dot(draw, place, 2.0, picture.GREEN if inspected else picture.VERMILION)
 
     def _write(self, draw: Any, row: int) -> None:
         state = self._environment.state
@@ -173,7 +159,7 @@ class Rendering:
         outcome = DoneStatus(int(self._environment.outcome()[row]))
         if outcome is not DoneStatus.RUNNING:
             words.append(outcome.name.lower())
-        draw.text((10 * _FINE, 8 * _FINE), "    ".join(words), fill=BLACK, font_size=13 * _FINE)
+        draw.text((10 * _FINE, 8 * _FINE), "    ".join(words), fill=picture.BLACK, font_size=13 * _FINE)
 
 
 class Rendered:
@@ -218,28 +204,25 @@ class Window:
     def __reduce__(self) -> tuple[Any, ...]:
         return Window, ()  # a copy opens its own window
 
-    def show(self, picture: AnyArray) -> None:
+    def show(self, image: AnyArray) -> None:
         """Show an image; without a display or without Tk, warn once."""
         if self._missing:
             return
-        from PIL import Image
-
         try:
             import tkinter
 
-            from PIL import ImageTk
-        except ImportError as error:
-            self._miss(error)
-            return
-        try:
+            from PIL import Image, ImageTk
+
             if self._root is None:
                 self._root = tkinter.Tk()
                 self._root.title("safe_inspect")
                 self._label = tkinter.Label(self._root)
                 self._label.pack()
-            self._image = ImageTk.PhotoImage(Image.fromarray(picture), master=self._root)
+            self._image = ImageTk.PhotoImage(Image.fromarray(image), master=self._root)
             self._label.configure(image=self._image)
             self._root.update()
+        except ImportError as error:
+            self._miss(error)
         except tkinter.TclError as error:
             self._miss(error)
 

@@ -19,6 +19,8 @@ from safe_inspect.types import AnyArray
 
 _RECORD, _EPISODES, _TRAJECTORIES = "evaluation.json", "episodes.parquet", "trajectories.parquet"
 _FORMAT = 1
+#: Fields of a recorded episode that its metadata contain as they are.
+_CONSTANTS = ("slot", "status", "deputies", "mean_motion", "in_body_axes", "camera", "docking_radius")
 _KEY = b"safe_inspect"
 _AXES = ("x", "y", "z")
 
@@ -45,13 +47,7 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> Any:
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     records = [
         {
-            "slot": trajectory.slot,
-            "status": int(trajectory.status),
-            "deputies": list(trajectory.deputies),
-            "mean_motion": trajectory.mean_motion,
-            "in_body_axes": trajectory.in_body_axes,
-            "camera": trajectory.camera,
-            "docking_radius": trajectory.docking_radius,
+            **{name: getattr(trajectory, name) for name in _CONSTANTS},
             "arrays": {name: list(array.shape[1:]) for name, array in trajectory.arrays.items()},
             "points": trajectory.points.tolist(),
             "inspected_at": [when if np.isfinite(when) else None for when in trajectory.inspected_at.tolist()],
@@ -192,14 +188,22 @@ def read_evaluation(path: str | os.PathLike[str]) -> Evaluation:
     Raises:
         EvaluationError: The evaluation is missing or damaged.
     """
+    from pyarrow import ArrowException, parquet
+
     folder = Path(path).expanduser()
     record = read_evaluation_record(folder)
-    table = _read_table(folder, record)
-    label = str(record.get("label") or folder.name)
+    file = folder / _EPISODES
     try:
-        return Evaluation.of_columns(label, table, record["units"], record)
+        if sha256(file) != record["files"].get(_EPISODES):
+            raise EvaluationError(f"{file}: the file was damaged or changed after it was written; evaluate again")
+        table = parquet.read_table(file)
+    except (OSError, ArrowException, AttributeError) as error:
+        raise EvaluationError(f"{file}: the file cannot be read ({error}); evaluate again") from None
+    columns = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
+    try:
+        return Evaluation.of_columns(str(record.get("label") or folder.name), columns, record["units"], record)
     except (KeyError, ValueError, TypeError, IndexError) as error:
-        raise EvaluationError(f"{folder / _EPISODES}: the table of episodes is damaged ({error})") from None
+        raise EvaluationError(f"{file}: the table of episodes is damaged ({error})") from None
 
 
 def read_evaluation_record(folder: Path) -> Mapping[str, Any]:
@@ -222,19 +226,6 @@ def read_evaluation_record(folder: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise EvaluationError(f"{path}: the record of the evaluation is damaged ({error}); evaluate again") from None
     return record
-
-
-def _read_table(folder: Path, record: Mapping[str, Any]) -> dict[str, AnyArray]:
-    from pyarrow import ArrowException, parquet
-
-    path = folder / _EPISODES
-    try:
-        if sha256(path) != record["files"].get(_EPISODES):
-            raise EvaluationError(f"{path}: the file was damaged or changed after it was written; evaluate again")
-        table = parquet.read_table(path)
-    except (OSError, ArrowException, AttributeError) as error:
-        raise EvaluationError(f"{path}: the file cannot be read ({error}); evaluate again") from None
-    return {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
 
 
 def write_json(path: Path, content: Any) -> None:

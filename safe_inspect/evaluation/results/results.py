@@ -12,8 +12,8 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import FIGURES, GAP, Episodes, Trajectory
-from safe_inspect.metrics.statistics import Estimate, Interval, estimate, wilson
+from safe_inspect.evaluation.episodes import FIGURES, Episodes, Trajectory, starting
+from safe_inspect.metrics.statistics import Estimate, Interval, estimate, for_json, wilson
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Prefixes of the names of columns for the whole episode, and for its initial state.
@@ -105,20 +105,11 @@ class Evaluation:
             record: Description of the evaluation.
             reference: Delta-v of the open-loop optimum of every episode [m/s], NaN where there is none, shape (E,).
         """
-        figures = episodes.figures()
-        if reference is not None:
-            figures[GAP] = episodes.delta_v - reference
-        figures |= _terms(episodes.terms)
-        figures |= episodes.metrics
+        agents = episodes.agents.items()
         return cls(
             label,
-            Block(_names(episodes.status), figures),
-            {
-                name: Block(
-                    _names(agent.status), {**agent.figures(episodes.labels), **_terms(agent.terms), **agent.metrics}
-                )
-                for name, agent in episodes.agents.items()
-            },
+            Block(_names(episodes.status), episodes.figures(reference)),
+            {name: Block(_names(agent.status), agent.figures(episodes.labels)) for name, agent in agents},
             {**FIGURES, **dict(episodes.labels.values()), **episodes.units},
             _initial_states(episodes),
             record,
@@ -189,7 +180,6 @@ class Evaluation:
             or table["agent"].tolist() != names * count
         ):
             raise ValueError("expected one row for each episode and agent, sorted by episode")
-        first = slice(None, None, len(names))
         agents = {}
         for place, name in enumerate(names):
             figures = {
@@ -200,16 +190,10 @@ class Evaluation:
             some = {column: values for column, values in figures.items() if not np.isnan(values).all()}
             agents[name] = Block(table["status"][place :: len(names)], some)
 
-        def starting(start: str) -> dict[str, FloatArray]:
-            return {name.removeprefix(start): table[name][first] for name in table if name.startswith(start)}
-
-        team = starting(_EPISODE)
+        whole = {name: values[:: len(names)] for name, values in table.items()}
+        team = starting(_EPISODE, whole)
         status, causes = team.pop("status"), team.pop(_CAUSE.removeprefix(_EPISODE), None)
-        return cls(label, Block(status, team), agents, units, starting(_BEGIN), record, causes=causes)
-
-
-def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    return {f"reward/{name}": values for name, values in terms.items()}
+        return cls(label, Block(status, team), agents, units, starting(_BEGIN, whole), record, causes=causes)
 
 
 def _names(status: AnyArray) -> AnyArray:
@@ -235,7 +219,7 @@ def _as_dict(block: Block, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     return {
         "success": {
             "rate": block.success_rate,
-            "interval": block.success_interval.as_list(),
+            "interval": for_json(block.success_interval),
             "statuses": block.statuses,
         },
         "figures": {name: item.as_dict() for name, item in estimates.items()},

@@ -181,11 +181,8 @@ class Comparison:
         lines += ["", *table]
         for item in others:
             head = ("", "mean", "95 % interval", "IQM", "lower in", "higher in", "unit")
-            rows = [head]
-            for name, found in self.differences.items():
-                if item.label in found:
-                    rows.append(_difference_row(name, found[item.label]))
-            (table,) = aligned([rows])
+            known = ((name, found[item.label]) for name, found in self.differences.items() if item.label in found)
+            (table,) = aligned([[head, *(_difference_row(name, found) for name, found in known)]])
             lines += ["", f"{item.label} less {first.label}, episode by episode:", *table]
         lines += ["", "* the interval of the mean does not contain 0"]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])

@@ -1,4 +1,7 @@
-"""`export_policy`: export of a checkpoint's policy to an ONNX file. Importing this module loads Ray and Torch."""
+"""`export_policy`: export of a checkpoint's policy to an ONNX file, which is compared with the checkpoint.
+
+Importing this module loads Ray and Torch.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +9,161 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.layout import observation_layout
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.onnx_policy import load_onnx
-from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
-from safe_inspect.experiments.export.export_check import (
-    ExportDifference,
-    compare_readings,
-    flown_readings,
-    random_readings,
-    worst,
-)
-from safe_inspect.experiments.export.net_layers import NetLayers, layers_of
-from safe_inspect.experiments.export.onnx_graph import build_file, require_onnx
-from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, policy_names, read_checkpoint
+from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
+from safe_inspect.evaluation.policies import with_scripted
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, element_columns, seal
+from safe_inspect.evaluation.rollouts import rollout
+from safe_inspect.experiments.export.onnx_graph import build_file, layers_of, lstm_state, require_onnx
+from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
-from safe_inspect.experiments.modules.policy import trained_policy
+from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
-from safe_inspect.experiments.settings.policies import SINGLE
-from safe_inspect.experiments.settings.policy_info import policy_info
+from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 from safe_inspect.outputs import new_file
+from safe_inspect.types import AnyArray, FloatArray
+
+#: Largest accepted difference, relative to the range of the action or to the outputs of the net.
+EXPORT_TOLERANCE = 1e-5
+
+_SPREAD = 1.5
 
 _RANDOM_STEPS, _RANDOM_ROWS = 64, 64
+
+
+@dataclass(frozen=True)
+class ExportDifference:
+    """Difference between the outputs of a file and those of the checkpoint.
+
+    Attributes:
+        rows: Number of observations.
+        action: Largest difference of the output `thrust`, relative to the range of the element [-].
+        inputs: Largest difference of the output `action_dist_inputs`, relative to the largest output of the row, at
+            least 1 [-].
+        undecided: Number of rows in which the action is undecided within the tolerance, such as two levels that are
+            equally likely; they are omitted from `action`.
+    """
+
+    rows: int
+    action: float
+    inputs: float
+    undecided: int = 0
+
+    @property
+    def passes(self) -> bool:
+        """Whether both differences are within `EXPORT_TOLERANCE`; False for NaN."""
+        return bool(self.action <= EXPORT_TOLERANCE and self.inputs <= EXPORT_TOLERANCE)
+
+
+def compare_readings(policy: OnnxPolicy, module: Any, readings: AnyArray) -> ExportDifference:
+    """Compare a file with the checkpoint's module.
+
+    The module gets the readings as the metadata of the file normalise them. For a recurrent policy the rows are
+    episodes that begin at the first step; for other policies all steps are treated as one batch.
+
+    Args:
+        policy: The file.
+        module: The module.
+        readings: Observations in SI units, float32, shape (T, R, O) for T steps of R rows.
+    """
+    steps = readings if policy.recurrent else readings.reshape(1, -1, readings.shape[-1])
+    net = partial(_outputs, module) if isinstance(module, torch.nn.Sequential) else TrainedPolicy(module).inputs
+    policy.reset()
+    thrust, inputs = (np.concatenate(parts) for parts in zip(*map(policy.outputs, steps), strict=True))
+    policy.reset()
+    centre, width = (element_columns(policy.info.observation, name) for name in ("centre", "width"))
+    wanted = np.concatenate([net(np.ascontiguousarray((rows - centre) / width, np.float32)) for rows in steps])
+    scale = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1.0)
+    value, sure = _commanded(policy.info, wanted)
+    low, high = (element_columns(policy.info.action, name) for name in ("low", "high"))
+    reach = np.where(np.isfinite(high - low), high - low, 1.0)
+    off = np.abs(thrust - value) / reach
+    return ExportDifference(
+        len(wanted),
+        float(off[sure].max(initial=0.0)),
+        float((np.abs(inputs - wanted) / scale).max(initial=0.0)),
+        int((~sure).sum()),
+    )
+
+
+def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
+    with torch.no_grad():
+        return np.asarray(net(torch.from_numpy(observation)).numpy())
+
+
+def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, seed: int = 0) -> AnyArray:
+    """Sample readings for the whole range of the net's inputs, float32, shape (steps, rows, O)."""
+    generator, layout = np.random.default_rng(seed), observation_layout(agent)
+    bounded = np.isfinite(layout.low) & np.isfinite(layout.high)
+    low, high = np.where(bounded, layout.low, 0.0), np.where(bounded, layout.high, 0.0)
+    size = (steps, rows, layout.size)
+    seen = np.where(bounded, generator.uniform(low, high, size), _SPREAD * generator.standard_normal(size))
+    centre, width = (element_columns(info.observation, name) for name in ("centre", "width"))
+    return (seen * width + centre).astype(np.float32)
+
+
+def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
+    """Return the observations of rollouts of the file in SI units, float32, shape (T, R, O); other agents coast."""
+    mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
+    others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
+    raw = policy.prepare(spec, mine)
+    seen: list[AnyArray] = []
+
+    def fly(observation: AnyArray) -> FloatArray:
+        seen.append(observation)
+        return policy(observation)
+
+    task = with_scripted(raw, "zero-thrust", others) if others else raw
+    rollout(task, fly, episodes=episodes, seed=seed, num_envs=episodes)
+    return np.stack(seen)
+
+
+def _commanded(info: PolicyInfo, inputs: AnyArray) -> tuple[FloatArray, AnyArray]:
+    """Return the commands of the controllers for outputs of the net, and which rows are decided.
+
+    Returns:
+        Commands, shape (R, A), and a mask of the rows whose action does not change within the tolerance, shape (R,).
+    """
+    numbers = sum(not element.levels for element in info.action)
+    gates = info.distribution == "hurdle"
+    mean, sure = inputs[:, gates : gates + numbers].astype(np.float64), np.ones(len(inputs), dtype=np.bool_)
+    if gates:
+        mean, sure = np.where(inputs[:, :1] > 0.0, mean, 0.0), np.abs(inputs[:, 0]) > EXPORT_TOLERANCE
+    offset, gain, low, high = (
+        element_columns(info.action[:numbers], name) for name in ("offset", "gain", "low", "high")
+    )
+    values, first = [np.clip(offset + gain * mean, low, high)], gates + 2 * numbers
+    for element in info.action[numbers:]:
+        logits = inputs[:, first : first + len(element.levels)]
+        ordered = np.sort(logits, axis=1)
+        if len(element.levels) > 1:
+            sure &= ordered[:, -1] - ordered[:, -2] > EXPORT_TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
+        values.append(np.array(element.levels)[logits.argmax(axis=1), None])
+        first += len(element.levels)
+    return np.concatenate(values, axis=1), sure
+
+
+def worst(first: ExportDifference, *others: ExportDifference) -> ExportDifference:
+    """Return the largest of each difference, over all rows together."""
+    for other in others:
+        first = replace(
+            first,
+            rows=first.rows + other.rows,
+            action=float(np.maximum(first.action, other.action)),
+            inputs=float(np.maximum(first.inputs, other.inputs)),
+            undecided=first.undecided + other.undecided,
+        )
+    return first
 
 
 @dataclass(frozen=True)
@@ -103,14 +235,14 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
-        state=net.state,
+        state=lstm_state(net),
     )
     module = net if isinstance(loaded.module, SacPolicy | DqnPolicy) else loaded.module
     return write_policy(net, module, info, output, experiment.spec, agents[0], title)
 
 
 def write_policy(
-    net: NetLayers,
+    net: torch.nn.Sequential,
     module: Any,
     info: PolicyInfo,
     output: str | os.PathLike[str],
@@ -138,8 +270,8 @@ def write_policy(
         work.write_bytes(seal(build_file(net, info, title)))
         written = load_onnx(work)
         flown = flown_readings(written, spec)
-        random = random_readings(agent, _RANDOM_STEPS, _RANDOM_ROWS)
-        difference = worst(*(compare_readings(written, module, agent, readings) for readings in (random, flown)))
+        random = random_readings(agent, info, _RANDOM_STEPS, _RANDOM_ROWS)
+        difference = worst(*(compare_readings(written, module, readings) for readings in (random, flown)))
         if not difference.passes:
             raise CheckpointError(
                 f"{title}: the exported policy differs from the given one by {difference.action:.1e} of the action's "
@@ -155,18 +287,6 @@ def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(task, dict) and Path(str(task.get("output_path") or "")).is_absolute():
         task["output_path"] = "output"
     return found
-
-
-def policies_in(checkpoint: str | os.PathLike[str]) -> list[str]:
-    """Return the names of the policies of a checkpoint.
-
-    Raises:
-        CheckpointError: The checkpoint is missing or damaged, or contains no policy.
-    """
-    names = policy_names(checkpoint)
-    if not names:
-        raise CheckpointError(f"{checkpoint}: the checkpoint contains no policy")
-    return names
 
 
 def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""Conversion of a policy's module to an ONNX graph. Importing this module loads Ray and Torch, but not `onnx`.
+"""Conversion of a policy to an ONNX graph: the layers of a policy of RLlib or of any other learner, and their nodes.
 
 The graph is written node by node, because the nets are small. So it contains only plain layers that every runtime
-supports, and the file does not depend on an exporter.
+supports, and the file does not depend on an exporter. Importing this module loads Ray and Torch, but not `onnx`.
 """
 
 from __future__ import annotations
@@ -11,18 +11,27 @@ from typing import Any
 
 import numpy as np
 import torch
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.models.torch.encoder import TorchLSTMEncoder
+from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
-from safe_inspect.evaluation.raw_values import CommandedElement, element_columns
-from safe_inspect.experiments.export.net_layers import STATE, NetLayers, lstm_weights
-from safe_inspect.experiments.modules.saved_policy import BestChoices
-from safe_inspect.types import AnyArray
+from safe_inspect.evaluation.policy_file import NEXT_STATE, CommandedElement, PolicyInfo, element_columns
+from safe_inspect.experiments.modules.saved_policy import BestChoices, DqnPolicy, SacPolicy
+from safe_inspect.types import AnyArray, FloatArray
 from safe_inspect.version import __version__
+
+#: Logarithm of the standard deviation of a deterministic policy; samples equal the mean to all digits.
+NO_SPREAD = -20.0
+
+
+#: Names of an ONNX file's inputs for the state of an LSTM: output and cell.
+STATE = ("state_h", "state_c")
+
+_GATES = (0, 3, 1, 2)  # input, forget, cell, output in Torch; input, output, forget, cell in ONNX
 
 #: Versions of ONNX that `LayerNormalization` needs and that runtimes since 2022 support.
 OPSET, IR_VERSION = 17, 8
-
 _SIMPLE = {
     torch.nn.Tanh: ("Tanh", ()),
     torch.nn.ReLU: ("Relu", ()),
@@ -31,6 +40,123 @@ _SIMPLE = {
     torch.nn.LeakyReLU: ("LeakyRelu", (("alpha", "negative_slope"),)),
     torch.nn.Identity: ("Identity", ()),
 }
+
+
+class Spread(torch.nn.Module):
+    """Layer that appends the logarithms of fixed standard deviations to means.
+
+    Args:
+        log_std: The logarithms, shape (A,).
+    """
+
+    def __init__(self, log_std: torch.Tensor) -> None:
+        super().__init__()
+        self.log_std = log_std.detach()
+
+    def forward(self, mean: torch.Tensor) -> torch.Tensor:
+        """Return means and logarithms, shape (R, 2 A)."""
+        return torch.cat((mean, self.log_std.expand_as(mean)), dim=1)
+
+
+def lstm_state(net: torch.nn.Sequential) -> dict[str, int]:
+    """Return the sizes of the inputs of `STATE`; empty for a policy without a state."""
+    sizes = [layer.hidden_size for layer in net if isinstance(layer, torch.nn.LSTM)]
+    return dict.fromkeys(STATE, sizes[0]) if sizes else {}
+
+
+def layers_of(module: Any, title: str) -> torch.nn.Sequential:
+    """Return the layers of a policy of RLlib, from the observation to the inputs of its action distribution.
+
+    Of SAC the layers give the mode, tanh(mean), because the files cannot describe the squashed Gaussian from which SAC
+    samples its actions; of DQN the values of the choices.
+
+    Raises:
+        CheckpointError: It is not one of RLlib's own modules, or not a multilayer perceptron (and an LSTM).
+    """
+    if isinstance(module, SacPolicy):
+        return _mode_of_sac(module, title)
+    if isinstance(module, DqnPolicy):
+        return _best_of_dqn(module, title)
+    own = DefaultPPOTorchRLModule
+    names = ("_forward", "_forward_inference", "forward_inference")
+    if not isinstance(module, own) or any(getattr(type(module), name) is not getattr(own, name) for name in names):
+        raise CheckpointError(
+            f"{title}: the policy is a custom module ({type(module).__name__}); only RLlib's own modules for PPO can "
+            "be exported"
+        )
+    encoder: Any = getattr(module.encoder, "actor_encoder", None) or getattr(module.encoder, "encoder", None)
+    lstm = encoder.lstm if type(encoder) is TorchLSTMEncoder else None
+    dense = getattr(getattr(encoder if lstm is None else encoder.tokenizer, "net", None), "mlp", None)
+    known = type(module.pi) in (TorchMLPHead, TorchFreeLogStdMLPHead) and (lstm is None or lstm.num_layers == 1)
+    if not known or not isinstance(dense, torch.nn.Sequential):
+        raise CheckpointError(
+            f"{title}: the policy has layers other than those of a multilayer perceptron or of RLlib's LSTM; only "
+            "these can be exported"
+        )
+    return torch.nn.Sequential(*dense, *([] if lstm is None else [lstm]), module.pi)
+
+
+def _mode_of_sac(module: SacPolicy, title: str) -> torch.nn.Sequential:
+    """Return the mode of RLlib's policy for SAC, tanh(mean).
+
+    Raises:
+        CheckpointError: The policy is recurrent, or not a multilayer perceptron.
+    """
+    encoder, head = _layers(module.pi_encoder, title), _layers(module.pi, title)
+    last: Any = head[-1]
+    size = last.out_features // 2
+    mean = torch.nn.Linear(last.in_features, size)
+    with torch.no_grad():
+        mean.weight.copy_(last.weight[:size])
+        mean.bias.copy_(last.bias[:size])
+    spread = Spread(torch.full((size,), NO_SPREAD))
+    return torch.nn.Sequential(*encoder, *list(head)[:-1], mean, torch.nn.Tanh(), spread).eval()
+
+
+def _best_of_dqn(module: DqnPolicy, title: str) -> torch.nn.Sequential:
+    """Return the values of the choices of RLlib's policy for DQN, up to a constant that is common to all choices.
+
+    With separate nets for value and advantage this constant is the value of the state minus the mean advantage.
+
+    Raises:
+        CheckpointError: The policy is recurrent, not a multilayer perceptron, or has learned a distribution of returns.
+    """
+    if module.num_atoms > 1:
+        raise CheckpointError(
+            f"{title}: the policy has learned a distribution of returns (`num_atoms`); train without it"
+        )
+    layers = (*_layers(module.encoder, title), *_layers(module.af, title), BestChoices(module.choices))
+    return torch.nn.Sequential(*layers).eval()
+
+
+def _layers(part: Any, title: str) -> torch.nn.Sequential:
+    layers = getattr(getattr(part, "net", None), "mlp", None)
+    if not isinstance(layers, torch.nn.Sequential):
+        raise CheckpointError(f"{title}: the policy is not a multilayer perceptron; only those can be exported")
+    return layers
+
+
+def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:
+    """Return the linear layer that maps -1 to `low` and 1 to `high`, element by element; both have shape (A,)."""
+    least, largest = (torch.as_tensor(side, dtype=torch.float32) for side in (low, high))
+    layer = torch.nn.Linear(len(least), len(least))
+    with torch.no_grad():
+        layer.weight.copy_(torch.diag((largest - least) / 2.0))
+        layer.bias.copy_((largest + least) / 2.0)
+    return layer
+
+
+def lstm_weights(lstm: torch.nn.LSTM) -> dict[str, AnyArray]:
+    """Return the weights of an LSTM for ONNX's operator LSTM, by name.
+
+    Returns:
+        ``kernel``, ONNX's W, shape (1, 4 H, I); ``recurrence``, R, shape (1, 4 H, H); ``bias``, B, shape (1, 8 H).
+    """
+    parts: Any = lstm.all_weights[0]
+    kernel, recurrence, *biases = [
+        np.concatenate([np.split(part.detach().cpu().numpy(), 4)[gate] for gate in _GATES]) for part in parts
+    ]
+    return {"kernel": kernel[None], "recurrence": recurrence[None], "bias": np.concatenate(biases)[None]}
 
 
 def require_onnx() -> Any:
@@ -48,7 +174,7 @@ def require_onnx() -> Any:
     return onnx
 
 
-def build_file(net: NetLayers, info: PolicyInfo, title: str) -> bytes:
+def build_file(net: torch.nn.Sequential, info: PolicyInfo, title: str) -> bytes:
     """Return the bytes of the ONNX file of a policy, without its seal.
 
     Args:
@@ -63,7 +189,7 @@ def build_file(net: NetLayers, info: PolicyInfo, title: str) -> bytes:
     onnx = require_onnx()
     graph = _Graph(onnx, title)
     value = graph.normalised("observation", info)
-    inputs = graph.outputs(net, value)
+    inputs = graph.net(net, value)
     graph.node("Identity", [inputs], name="action_dist_inputs")
     numbers = [element for element in info.action if not element.levels]
     gates = info.distribution == "hurdle"
@@ -136,23 +262,23 @@ class _Graph:
             value = self._layer(layer, value)
         return value
 
-    def outputs(self, net: NetLayers, value: str) -> str:
-        """Add the layers of a policy, which give the inputs of the action distribution."""
-        value = self.net(net.dense, value)
-        if net.lstm is not None:
-            value = self.lstm(net.lstm, value)
-        value = self.net(net.head, value)
-        if net.log_std is not None:
-            log_std = self.constant(_array(net.log_std)[None, :], "log_std")
-            spread = self.node("Expand", [log_std, self.node("Shape", [value])])
-            return self.node("Concat", [value, spread], axis=1)
-        if net.limit is None:
+    def head(self, layer: Any, value: str) -> str:
+        """Add one of RLlib's heads, which may limit the logarithms of standard deviations."""
+        value, limit = self.net(layer.net.mlp, value), float(layer.log_std_clip_param_const)
+        if type(layer) is TorchFreeLogStdMLPHead:
+            log_std = layer.log_std.detach()
+            return self.spread(log_std.clamp(-limit, limit) if layer.clip_log_std else log_std, value)
+        if not layer.clip_log_std:
             return value
-        last: Any = net.head[-1]
-        width = int(last.out_features) // 2
-        bounds = [self.constant(-net.limit, "log_std_low"), self.constant(net.limit, "log_std_high")]
+        width = int(layer.net.mlp[-1].out_features) // 2
+        bounds = [self.constant(-limit, "log_std_low"), self.constant(limit, "log_std_high")]
         spread = self.node("Clip", [self.part(value, width, 2 * width), *bounds])
         return self.node("Concat", [self.part(value, 0, width), spread], axis=1)
+
+    def spread(self, log_std: torch.Tensor, value: str) -> str:
+        """Add the logarithms of fixed standard deviations after the means."""
+        row = self.constant(_array(log_std)[None, :], "log_std")
+        return self.node("Concat", [value, self.node("Expand", [row, self.node("Shape", [value])])], axis=1)
 
     def lstm(self, layer: torch.nn.LSTM, value: str) -> str:
         """Add one step of an LSTM from the inputs `STATE` to the outputs with the prefix `NEXT_STATE`.
@@ -208,6 +334,12 @@ class _Graph:
     def _layer(self, layer: Any, value: str) -> str:
         if type(layer) is BestChoices:
             return self.best_choices(layer.choices, value)
+        if type(layer) is Spread:
+            return self.spread(layer.log_std, value)
+        if type(layer) is torch.nn.LSTM:
+            return self.lstm(layer, value)
+        if type(layer) in (TorchMLPHead, TorchFreeLogStdMLPHead):
+            return self.head(layer, value)
         if type(layer) is torch.nn.Linear:
             inputs = [value, self.constant(_array(layer.weight), "weight")]
             if layer.bias is not None:

@@ -14,11 +14,9 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported, portable, write_policy
-from safe_inspect.experiments.export.net_layers import NO_SPREAD, NetLayers
-from safe_inspect.experiments.export.onnx_graph import require_onnx
+from safe_inspect.experiments.export.onnx_graph import NO_SPREAD, Spread, require_onnx
 from safe_inspect.experiments.modules.saved_policy import BestChoices
-from safe_inspect.experiments.settings.policies import SINGLE
-from safe_inspect.experiments.settings.policy_info import policy_info
+from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 
 
 def export_perceptron(
@@ -78,10 +76,8 @@ def export_perceptron(
             f"{cfg}: the net has {found[0]} inputs and {found[1]} outputs, but the task needs {sizes[0]} and "
             f"{sizes[1]}; give the task in which it was trained"
         )
-    spread = None
     if combined and choices:
         info, net = replace(info, distribution="greedy"), net.append(BestChoices(choices)).eval()
     if not choices:
-        spread = torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).detach().cpu()
-    made = NetLayers(net, log_std=spread)
-    return write_policy(made, made, info, output, experiment.spec, agents[0], str(output))
+        net.append(Spread(torch.full((sizes[1],), NO_SPREAD) if log_std is None else torch.as_tensor(log_std).cpu()))
+    return write_policy(net, net, info, output, experiment.spec, agents[0], str(output))

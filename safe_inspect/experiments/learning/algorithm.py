@@ -1,32 +1,38 @@
-"""`build_config`: RLlib's `AlgorithmConfig` from checked settings. Importing this module loads Ray and Torch."""
+"""`build_config`: RLlib's `AlgorithmConfig` from checked settings. Importing this module loads Ray and Torch.
+
+It also builds the RLlib objects that an experiment names: connectors, an RLModule and a replay buffer.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import json
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, cast
 
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.rllib.callbacks.callbacks import RLlibCallback
+from ray.rllib.connectors.connector_v2 import ConnectorV2
+from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
+from ray.rllib.utils import replay_buffers
 from ray.tune.registry import get_trainable_cls, register_env
 
-from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, OWN_KEYS
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FRESH_KEYS, OWN_KEYS
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.errors import ConfigError, Problem, RegistryError, did_you_mean
-from safe_inspect.evaluation.raw_values import CONTROL_STEPS
+from safe_inspect.errors import ConfigError, Problem, did_you_mean
+from safe_inspect.evaluation.policy_file import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
-from safe_inspect.experiments.learning.rllib_objects import own_module, set_connectors, set_replay_buffer
-from safe_inspect.experiments.modules.fresh_policy import frozen_spec, policy_spec
-from safe_inspect.experiments.sampling.callbacks import RunCallbacks
-from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner
-from safe_inspect.experiments.sampling.stock_envs import TeamMultiAgentEnv, TrainingEnv
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
+from safe_inspect.experiments.modules.policy import frozen_spec, policy_spec
+from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner, RunCallbacks
+from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import SINGLE
-from safe_inspect.experiments.settings.policy_info import policy_texts
-from safe_inspect.plugins.registry import import_user_module
+from safe_inspect.experiments.settings.objects import built_as, class_of
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, SINGLE, policy_texts
 
 #: Attributes of `AlgorithmConfig` whose names differ from those of the keys.
 ATTRIBUTES = {"lambda": "lambda_"}
@@ -37,21 +43,12 @@ _OWN = frozenset({*OWN_KEYS, "evaluation_config"})
 ENVIRONMENT = "safe_inspect"
 
 _UNSET = -1  # RLlib's value of a removed attribute
+_HOOKS = ("on_episode_created", "on_episode_start", "on_episode_step", "on_episode_end")
 
 
-class PolicyOf:
-    """Function from an agent to its policy, for RLlib.
-
-    Args:
-        policies: The policies by name.
-    """
-
-    def __init__(self, policies: Mapping[str, PolicySpec]) -> None:
-        self._by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
-
-    def __call__(self, agent: str, episode: Any = None, **kwargs: Any) -> str:
-        """Return the name of an agent's policy."""
-        return self._by_agent[agent]
+def _policy_of(by_agent: Mapping[str, str], agent: str, episode: Any = None, **kwargs: Any) -> str:
+    """Return the name of an agent's policy; RLlib passes the arguments after the first."""
+    return by_agent[agent]
 
 
 def build_config(
@@ -83,11 +80,15 @@ def build_config(
     config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
-    config.callbacks(callbacks_class=[RunCallbacks, *_own_callbacks(settings.get("callbacks") or ())])
-    _set_policies(config, settings, policies or {}, texts)
-    if settings["env_runner"] == "batched":
+    callbacks = _own_callbacks(settings.get("callbacks") or ())
+    config.callbacks(callbacks_class=[RunCallbacks, *callbacks])
+    specs = _set_policies(config, settings, policies or {}, texts)
+    recurrent = [name for name, spec in specs.items() if _is_recurrent(spec)]
+    learning = [name for name in recurrent if not policies or policies[name].trains]
+    runner, learner = (f"the policy {names[0]} is recurrent" if names else "" for names in (recurrent, learning))
+    if settings["env_runner"] == "batched" and not _needs_stock("runner samples", runner or _hook_of(callbacks)):
         config.env_runners(env_runner_cls=BatchedTeamRunner if policies else BatchedEnvRunner)
-    if settings["learner"] == "fast":
+    if settings["learner"] == "fast" and not _needs_stock("learner learns", learner):
         own = {THREADS: settings["learner_threads"], **config.learner_config_dict}
         config.training(learner_class=FastPPOLearner, learner_config_dict=own)
     evaluation = settings.get("evaluation_config")
@@ -98,6 +99,23 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def _is_recurrent(spec: RLModuleSpec) -> bool:
+    return isinstance(spec.model_config, dict) and bool(spec.model_config.get("use_lstm"))
+
+
+def _hook_of(callbacks: Iterable[type[Any]]) -> str:
+    """Return why callbacks need RLlib's stock runner, which calls them for each episode; empty if they do not."""
+    hooks = [hook for hook in _HOOKS for kind in callbacks if getattr(kind, hook) is not getattr(RLlibCallback, hook)]
+    return f"a callback implements `{hooks[0]}`" if hooks else ""
+
+
+def _needs_stock(part: str, reason: str) -> bool:
+    """Return whether there is a reason for a stock part of RLlib, and warn that it is used."""
+    if reason:
+        warnings.warn(f"RLlib's stock {part}, because {reason}", stacklevel=3)
+    return bool(reason)
 
 
 def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[str, str]]) -> None:
@@ -123,19 +141,16 @@ def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
     Raises:
         ConfigError: There is no such class, or it is not an `RLlibCallback`.
     """
-    found, problems = [], []
+    found: list[type[Any]] = []
+    problems: list[Problem] = []
+    what, where = "a class of callbacks; derive it from ray.rllib's RLlibCallback", "rllib_configs.callbacks"
     for name in names:
-        module, _, attribute = name.rpartition(".")
         try:
-            kind = getattr(import_user_module(module), attribute, None)
-            if isinstance(kind, type) and issubclass(kind, RLlibCallback):
-                found.append(kind)
-            else:
-                problems.append(f"{name!r} is not a class of callbacks; derive it from ray.rllib's RLlibCallback")
-        except RegistryError as error:
-            problems.append(str(error))
+            found.append(class_of(RLlibCallback, what, name, where))
+        except ConfigError as error:
+            problems += error.problems
     if problems:
-        raise ConfigError([Problem(problem, "rllib_configs.callbacks") for problem in problems])
+        raise ConfigError(problems)
     return found
 
 
@@ -190,7 +205,7 @@ def _apply(config: AlgorithmConfig, rllib: TranslatedSettings) -> None:
     names, settings = attribute_names(config), rllib.settings
     problems = [
         Problem(f"{settings['algorithm']} has no key `{name}`", f"rllib_configs.{name}", hint=did_you_mean(name, names))
-        for name in dict.fromkeys((*rllib.unchecked, *sorted(rllib.given)))
+        for name in sorted(rllib.given)
         if name not in _OWN and ATTRIBUTES.get(name, name) not in names
     ]
     if problems:
@@ -206,14 +221,14 @@ def _set_policies(
     settings: Mapping[str, Any],
     policies: Mapping[str, PolicySpec],
     texts: Mapping[str, Mapping[str, str]],
-) -> None:
-    """Set the policies in RLlib's configuration, with their agents and their own settings."""
+) -> dict[str, RLModuleSpec]:
+    """Set the policies in RLlib's configuration, with their agents and their own settings; return them by name."""
     model, algorithm = settings["model_config"], settings["algorithm"]
     entry = settings.get("rl_module")
     if not policies:
         spec = own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
         config.rl_module(rl_module_spec=spec)
-        return
+        return {SINGLE: spec}
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
@@ -226,9 +241,81 @@ def _set_policies(
         name: {ATTRIBUTES.get(key, key): value for key, value in policy.config.items() if key not in _OWN}
         for name, policy in policies.items()
     }
+    by_agent = {agent: policy.name for policy in policies.values() for agent in policy.agents}
     config.multi_agent(
         policies=set(policies),
-        policy_mapping_fn=cast(Any, PolicyOf(policies)),
+        policy_mapping_fn=cast(Any, partial(_policy_of, by_agent)),
         policies_to_train=[name for name, policy in policies.items() if policy.trains],
         algorithm_config_overrides_per_module={name: own for name, own in overrides.items() if own},
     )
+    return specs
+
+
+def _connectors(entries: Sequence[Mapping[str, Any]], where: str, *args: Any, **kwargs: Any) -> list[ConnectorV2]:
+    """Return connectors, in their order; RLlib passes the environment or the spaces as the further arguments.
+
+    Args:
+        entries: The entry `{functor: ..., config: ...}` of each connector.
+        where: Path of the key, for messages.
+        *args: Not used.
+        **kwargs: Not used.
+
+    Raises:
+        ConfigError: There is no such class, it rejects its `config`, or it is not a connector.
+    """
+    kind: Any = ConnectorV2
+    return [built_as(kind, "a ConnectorV2 of RLlib", entry, where) for entry in entries]
+
+
+def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
+    """Set the connectors that an experiment names in RLlib's configuration.
+
+    Raises:
+        ConfigError: See `_connectors`.
+    """
+    receivers: dict[str, Any] = {
+        "env_to_module_connector": config.env_runners,
+        "module_to_env_connector": config.env_runners,
+        "learner_connector": config.learners,
+    }
+    for key, receive in receivers.items():
+        if settings.get(key):
+            connectors = partial(_connectors, settings[key], f"rllib_configs.{key}")
+            connectors()  # raises errors here and not in RLlib's processes
+            receive(**{key: connectors})
+
+
+def own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSpec:
+    """Return RLlib's specification of a policy of the user's own class.
+
+    Args:
+        entry: `{functor: ..., config: ...}`; the class receives the `config` in its `model_config`.
+        model: The other keys of `model_config`.
+
+    Raises:
+        ConfigError: There is no such class, or it is not an `RLModule`.
+    """
+    kind = class_of(RLModule, "an RLModule of RLlib", entry["functor"], "rllib_configs.rl_module")
+    known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
+    return RLModuleSpec(module_class=kind, model_config={**dataclasses.asdict(known), **model, **entry["config"]})
+
+
+def set_replay_buffer(config: AlgorithmConfig, buffer: Mapping[str, Any], *, several: bool) -> None:
+    """Set the replay buffer of SAC or DQN, whose class is a different one for several policies.
+
+    Args:
+        config: RLlib's configuration.
+        buffer: The settings of the buffer, including RLlib's defaults.
+        several: Whether several policies learn.
+
+    Raises:
+        ConfigError: RLlib has no such buffer.
+    """
+    known = [name for name in replay_buffers.__all__ if name.endswith("EpisodeReplayBuffer")]
+    kind = str(buffer["type"])
+    if kind not in known:
+        message, where = f"RLlib has no replay buffer of episodes `{kind}`", "rllib_configs.replay_buffer_config"
+        raise ConfigError(Problem(message, where, hint=did_you_mean(kind, known)))
+    if several and not kind.startswith("MultiAgent"):
+        kind = f"MultiAgent{kind}"
+    setattr(config, "replay_buffer_config", {**buffer, "type": kind})  # noqa: B010 - not every algorithm has it

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.random.action_draws import HALF_LOG_2PI
-from safe_inspect.random.hurdle_draws import log_logistic
+from safe_inspect.random.action_draws import HALF_LOG_2PI, log_logistic
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Indices of the sums that the loops return.

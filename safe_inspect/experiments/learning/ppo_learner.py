@@ -10,43 +10,304 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Mapping
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
+from ray.rllib.algorithms.ppo.ppo import (
+    LEARNER_RESULTS_KL_KEY,
+    LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY,
+    LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY,
+)
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
-from ray.rllib.core import ALL_MODULES
+from ray.rllib.core import ALL_MODULES, DEFAULT_MODULE_ID, Columns
+from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 from ray.rllib.utils import metrics as names
+from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
-from safe_inspect.experiments.learning.ppo_batch import Batch, batches_of, minibatches
-from safe_inspect.experiments.learning.ppo_kernels import Terms
-from safe_inspect.experiments.learning.ppo_nets import nets_of, part_of
-from safe_inspect.experiments.learning.ppo_training import NetTraining, joined
-from safe_inspect.experiments.modules.distributions import distribution_of_module
-from safe_inspect.experiments.sampling.callbacks import set_threads
-from safe_inspect.experiments.sampling.capabilities import capabilities
-from safe_inspect.types import AnyArray, IntArray
+from safe_inspect.experiments.learning import ppo_kernels as kernels
+from safe_inspect.experiments.learning.ppo_kernels import Terms, advantages_of
+from safe_inspect.experiments.learning.ppo_nets import Net, nets_of, part_of
+from safe_inspect.experiments.modules.saved_policy import distribution_of_module
+from safe_inspect.experiments.sampling.env_runners import set_threads
+from safe_inspect.experiments.sampling.rollout import DECISION_STEPS
+from safe_inspect.random.action_draws import Categorical, Hurdle
+from safe_inspect.types import AnyArray, BoolArray, IntArray
 
+#: Smallest standard deviation by which advantages are divided, as in RLlib.
+LEAST_SPREAD = 1e-4
+
+#: Name of a net's part of the total loss.
+TOTAL = "total_loss"
 #: Key in `learner_config_dict` of the number of nets that learn in parallel.
 THREADS = "threads"
-
 _LOGGER = logging.getLogger(__name__)
 _ROWS_AT_ONCE = 1024
 
 
+@dataclass
+class Batch:
+    """P pieces of episodes of one policy, with R steps in total; arrays of numbers are float32.
+
+    Attributes:
+        all_observations: Observations of each step, and the one after the last step of each piece, shape (R + P, O).
+        lengths: Number of steps of each piece, shape (P,).
+        terminated: Whether the task ended with the last step of each piece, shape (P,).
+        actions: Actions, shape (R, A).
+        inputs: Inputs of the action distribution with which the actions were sampled, shape (R, I).
+        log_probabilities: Log probabilities of the actions, shape (R,).
+        rewards: Rewards, shape (R,).
+        weights: Mean sequence number of the weights with which the actions were sampled; None if unknown.
+        steps: Number of control steps of each decision, shape (R,); None if each row is one step.
+        observations: Observations of each step, shape (R, O).
+        advantages: Standardised advantages, shape (R,); see `advise`.
+        targets: Targets of the value function, shape (R,); see `advise`.
+    """
+
+    all_observations: AnyArray
+    lengths: IntArray
+    terminated: BoolArray
+    actions: AnyArray
+    inputs: AnyArray
+    log_probabilities: AnyArray
+    rewards: AnyArray
+    weights: float | None = None
+    steps: IntArray | None = None
+    observations: AnyArray = field(init=False)
+    advantages: AnyArray = field(init=False)
+    targets: AnyArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        ends = np.cumsum(self.lengths + 1) - 1
+        self.observations = np.delete(self.all_observations, ends, axis=0)
+        self.advantages = np.empty_like(self.rewards)
+        self.targets = np.empty_like(self.rewards)
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    def advise(self, values: AnyArray, gamma: float, factor: float) -> None:
+        """Compute advantages and value targets.
+
+        Advantages get mean 0 and standard deviation 1 over the steps of the batch. RLlib also includes the artificial
+        step after each piece, whose advantage depends on the order of the pieces and has no meaning.
+
+        Args:
+            values: Values of all observations, shape (R + P,).
+            gamma: Discount of a control step; a decision of k steps discounts later rewards by gamma^k.
+            factor: Lambda of the advantage estimation, applied once per row.
+        """
+        discounts = np.full(len(self), gamma) if self.steps is None else gamma ** self.steps.astype(np.float64)
+        advantages_of(
+            self.lengths, self.terminated, self.rewards, values, discounts, factor, self.advantages, self.targets
+        )
+        spread = max(LEAST_SPREAD, float(self.advantages.std(dtype=np.float64)))
+        self.advantages -= self.advantages.mean(dtype=np.float64)
+        self.advantages /= spread
+
+
+def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[str, Batch]:
+    """Return the batch of each policy.
+
+    Args:
+        episodes: RLlib's episodes, of one agent or of several, as arrays.
+        wanted: Function that returns whether a policy learns.
+    """
+    found: dict[str, list[Any]] = {}
+    for episode in _single(episodes):
+        name = str(episode.module_id or DEFAULT_MODULE_ID)
+        if len(episode) and wanted(name):
+            found.setdefault(name, []).append(episode)
+    return {name: _batch(pieces) for name, pieces in found.items()}
+
+
+def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: tuple[int, str, int]) -> IntArray:
+    """Return the rows of each minibatch, shape (M, B).
+
+    All minibatches have the same size B. They are cut from the concatenated epochs, so that a minibatch may contain the
+    end of one epoch and the start of the next. The last minibatch is completed with rows of a further epoch.
+
+    Args:
+        rows: Number of steps of the batch.
+        size: B; None, or a size larger than the batch, selects the whole batch.
+        epochs: How often each step is used.
+        shuffled: Whether each epoch is shuffled separately.
+        seed: Seed of the run, name of the policy, and number of the update.
+    """
+    size = min(size or rows, rows)
+    count = -(-epochs * rows // size)
+    generator = np.random.default_rng((seed[0], zlib.crc32(seed[1].encode()), seed[2]))
+    passes = -(-count * size // rows)
+    if not shuffled or size == rows:
+        order = np.tile(np.arange(rows), passes)
+    else:
+        order = np.concatenate([generator.permutation(rows) for _ in range(passes)])
+    return order[: count * size].reshape(count, size)
+
+
+def _single(episodes: Iterable[Any]) -> Iterator[Any]:
+    for episode in episodes:
+        yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
+
+
+def _batch(pieces: list[Any]) -> Batch:
+    lengths = np.array([len(piece) for piece in pieces], dtype=np.int64)
+    outputs = {
+        key: [piece.extra_model_outputs[key] for piece in pieces if key in piece.extra_model_outputs]
+        for key in (Columns.ACTION_DIST_INPUTS, Columns.ACTION_LOGP, WEIGHTS_SEQ_NO, DECISION_STEPS)
+    }
+    weights = [_data(buffer).mean() for buffer in outputs[WEIGHTS_SEQ_NO]]
+    steps = outputs[DECISION_STEPS]
+    return Batch(
+        all_observations=_joined(piece.observations for piece in pieces),
+        lengths=lengths,
+        terminated=np.array([piece.is_terminated for piece in pieces], dtype=np.bool_),
+        actions=_joined(piece.actions for piece in pieces),
+        inputs=_joined(outputs[Columns.ACTION_DIST_INPUTS]),
+        log_probabilities=_joined(outputs[Columns.ACTION_LOGP]),
+        rewards=_joined(piece.rewards for piece in pieces),
+        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(pieces) else None,
+        steps=np.concatenate([_data(buffer) for buffer in steps]) if steps else None,
+    )
+
+
+def _joined(buffers: Iterable[Any]) -> AnyArray:
+    return np.ascontiguousarray(np.concatenate([_data(buffer) for buffer in buffers]), dtype=np.float32)
+
+
+def _data(buffer: Any) -> AnyArray:
+    """Return the data of one of RLlib's buffers without its lookback."""
+    return np.asarray(buffer.data[buffer.lookback :])
+
+
+class NetTraining:
+    """Training of one net with the minibatches of a batch; several trainings may run in parallel.
+
+    The net runs on the device of its parameters; the loss, a few numbers for each row, is computed on the CPU.
+
+    Args:
+        net: The net.
+        optimiser: Any of its parameters.
+        batch: The batch, with advantages.
+        order: The rows of each minibatch, shape (M, B).
+        terms: The coefficients of the loss.
+        clip_gradients: Function that clips gradients in place and may return their norm; None for no clipping.
+        distribution: Distribution of the actions.
+
+    Attributes:
+        losses: After `run`, the losses of the last minibatch, by RLlib's names.
+        norm: After `run`, the norm of the last gradients before clipping, if `clip_gradients` has returned it.
+    """
+
+    def __init__(
+        self,
+        net: Net,
+        optimiser: Any,
+        batch: Batch,
+        order: IntArray,
+        terms: kernels.Terms,
+        clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
+        distribution: Any = None,
+    ) -> None:
+        self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
+        self._clip_gradients = clip_gradients
+        self._form = _form_of(distribution)
+        self._sampled = kernels.Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
+        size = order.shape[1]
+        self._sums = np.zeros(3)
+        self._value_sums = np.zeros(2)
+        self._gradient = torch.empty((size, batch.inputs.shape[1]))
+        self._value_gradient = torch.empty(size)
+        self.losses: dict[str, float] = {}
+        self.norm: Any = None
+
+    def run(self) -> None:
+        """Take an optimiser step for each minibatch."""
+        parameters = self._net.parameters
+        device = parameters[0].device
+        observations = torch.from_numpy(self._batch.observations).to(device)
+        size = self._order.shape[1]
+        way = self._net.make_pass(size)
+        chosen = torch.empty((size, observations.shape[1]), device=device)
+        gradients: list[torch.Tensor] = []
+        inputs: torch.Tensor | None = None
+        values: torch.Tensor | None = None
+        for rows, indices in zip(self._order, torch.from_numpy(self._order).to(device), strict=True):
+            torch.index_select(observations, 0, indices, out=chosen)
+            inputs, values = way.forward(chosen)
+            pushes: list[torch.Tensor | None] = [None, None]
+            if inputs is not None:
+                net, out = inputs.cpu().numpy(), self._gradient.numpy()
+                kernels.policy_gradient(rows, net, self._form, self._sampled, self._terms, out, self._sums)
+                pushes[0] = self._gradient.to(device)
+            if values is not None:
+                net, out = values.cpu().numpy(), self._value_gradient.numpy()
+                kernels.value_gradient(rows, net, self._batch.targets, self._terms, out, self._value_sums)
+                pushes[1] = self._value_gradient.to(device)
+            gradients = way.backward((pushes[0], pushes[1]))
+            if self._clip_gradients is not None:
+                found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
+                self.norm = self._clip_gradients(found)
+                gradients = [found[parameter] for parameter in parameters]
+            self._optimiser.step(gradients)
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            parameter.grad = gradient  # RLlib reads the gradients from here
+        self.losses = self._losses(inputs is not None, None if values is None else values.cpu().numpy())
+
+    def _losses(self, policy: bool, values: AnyArray | None) -> dict[str, float]:
+        terms, count = self._terms, self._order.shape[1]
+        found = {TOTAL: 0.0}
+        if policy:
+            surrogate, entropy, divergence = (self._sums / count).tolist()
+            found[TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
+            found[POLICY_LOSS_KEY] = -surrogate
+            found[ENTROPY_KEY] = entropy
+            found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
+        if values is not None:
+            targets = self._batch.targets[self._order[-1]]
+            clipped, unclipped = (self._value_sums / count).tolist()
+            found[TOTAL] += terms.value * clipped
+            found[VF_LOSS_KEY] = clipped
+            found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
+            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(targets, values)
+        return found
+
+
+def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
+    """Return the losses of one policy, summed over its nets."""
+    names = dict.fromkeys(name for training in trainings for name in training.losses)
+    return {name: sum(training.losses.get(name, 0.0) for training in trainings) for name in names}
+
+
+def _form_of(distribution: Any) -> kernels.Form:
+    """Return the form of a distribution, Gaussian if it is None."""
+    if isinstance(distribution, Categorical):
+        return kernels.Form(0, distribution.sizes)
+    hurdle = isinstance(distribution, Hurdle)
+    sizes = [distribution.choices] if hurdle and distribution.choices else []
+    return kernels.Form(int(hurdle), np.array(sizes, dtype=np.int64))
+
+
+def _explained(targets: AnyArray, values: AnyArray) -> float:
+    """Return the fraction of the targets' variance that the values explain, at least -1."""
+    variance = float(np.var(targets, dtype=np.float64))
+    rest = float(np.var(np.subtract(targets, values, dtype=np.float64)))
+    return max(-1.0, 1.0 - rest / variance) if variance > 0.0 else -1.0
+
+
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
-    """RLlib's PPO learner on arrays; if it does not support a training, the base class learns instead.
+    """RLlib's PPO learner on arrays, which `build_config` selects for the trainings that it supports.
 
     Attributes:
         why_autograd: For each policy that has learned, why autograd computes its gradients; see `Net`.
     """
 
     config: Any
-    _stock = ""
-    _told = False
 
     def build(self) -> None:
         """Build the modules and the optimisers, as RLlib does."""
@@ -54,34 +315,18 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
         self.why_autograd: dict[str, str] = {}
         if self.config.num_learners:  # the learner runs in a separate process
             set_threads(self.config.env_config)
-        self._stock = capabilities(self.config).learning
 
     def update(self, *arguments: Any, **keywords: Any) -> Any:
         """Learn from a batch; see RLlib's `Learner.update`."""
-        data, episodes = keywords.get("training_data"), keywords.get("episodes")
+        data, episodes = keywords.get("training_data"), keywords.get("episodes") or ()
         if data is not None:
             data.validate()
             data.solve_refs()
             episodes = data.episodes
-        reason = self._stock
-        if not reason and not arguments and episodes:
-            batches = batches_of(episodes, self.should_module_be_updated)
-            reason = next(filter(None, map(self._why_not_learned, batches)), "")
-            if batches and not reason:
-                return self._learn(batches, sum(map(len, episodes)), **keywords)
-        if reason and not self._told:
-            warnings.warn(f"RLlib's stock learner learns, because {reason}", stacklevel=2)
-            self._told = True
-        return super().update(*arguments, **keywords)
-
-    def _why_not_learned(self, name: str) -> str:
-        """Return why a policy needs RLlib's learner; empty if it does not need it."""
-        config = self.config.get_config_for_module(name)
-        optimisers = [optimiser for _, optimiser in self.get_optimizers_for_module(name)]
-        plain = [type(each) for each in optimisers] == [torch.optim.Adam] and len(optimisers[0].param_groups) == 1
-        reason = capabilities(config, self.module[name].unwrapped()).learning
-        reason = reason or ("" if plain else "the policy's optimiser is not Adam")
-        return f"{reason} ({name})" if reason else ""
+        batches = batches_of(episodes, self.should_module_be_updated)
+        if not batches:
+            return super().update(*arguments, **keywords)
+        return self._learn(batches, sum(len(episode) for episode in episodes), **keywords)
 
     def _learn(
         self,

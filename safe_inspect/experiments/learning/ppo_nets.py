@@ -152,9 +152,8 @@ class TorchAdam:
 
     def __init__(self, optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> None:
         (group,) = optimiser.param_groups
-        names = ("lr", "betas", "eps", "weight_decay", "amsgrad", "maximize")
         self._parameters = parameters
-        self._adam = torch.optim.Adam(parameters, **{name: group[name] for name in names}, fused=True)
+        self._adam = torch.optim.Adam(parameters, lr=group["lr"], betas=group["betas"], eps=group["eps"], fused=True)
         for parameter in parameters:
             state = optimiser.state[parameter]
             # A fused Adam needs its step counts on the device of the parameters.
@@ -169,7 +168,7 @@ class TorchAdam:
 
 
 def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> FastAdam | TorchAdam:
-    """Return an optimiser for some of the parameters of another one, whose settings and state it shares.
+    """Return an optimiser for some of the parameters of RLlib's Adam, whose settings and state it shares.
 
     RLlib has one optimiser for all parameters of a module, and checkpoints contain the state of that optimiser.
     """
@@ -179,8 +178,8 @@ def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> FastAda
             state["step"] = torch.zeros((), dtype=torch.float32, device=parameter.device)
             state["exp_avg"] = torch.zeros_like(parameter)
             state["exp_avg_sq"] = torch.zeros_like(parameter)
-    plain = is_plain(optimiser) and all(p.dtype == torch.float32 and p.device.type == "cpu" for p in parameters)
-    return FastAdam(optimiser, parameters) if plain else TorchAdam(optimiser, parameters)
+    on_cpu = all(p.dtype == torch.float32 and p.device.type == "cpu" for p in parameters)
+    return FastAdam(optimiser, parameters) if on_cpu else TorchAdam(optimiser, parameters)
 
 
 @njit(nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
@@ -223,7 +222,7 @@ class FastAdam:
     """Adam that shares the settings and the state of one of Torch's optimisers.
 
     Args:
-        optimiser: An Adam, see `is_plain`.
+        optimiser: RLlib's Adam, with one group.
         parameters: Some of its parameters, float32, on the CPU.
     """
 
@@ -257,16 +256,3 @@ class FastAdam:
                 1.0 / math.sqrt(1.0 - two**count),
                 epsilon,
             )
-
-
-def is_plain(optimiser: Any) -> bool:
-    """Return whether an optimiser is an Adam with one group of contiguous arrays and without optional features.
-
-    The optional features are `weight_decay`, `amsgrad` and `maximize`.
-    """
-    if type(optimiser) is not torch.optim.Adam or len(optimiser.param_groups) != 1:
-        return False
-    (group,) = optimiser.param_groups
-    return not (group["weight_decay"] or group["amsgrad"] or group["maximize"]) and all(
-        parameter.is_contiguous() for parameter in group["params"]
-    )

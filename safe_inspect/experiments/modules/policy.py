@@ -1,29 +1,302 @@
-"""Trained policies of a checkpoint as functions of observations."""
+"""The policies of the package: new ones, those of checkpoints for RLlib, and trained ones as functions of observations.
+
+Importing this module loads Ray and Torch.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import logging
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import tree  # type: ignore[import-untyped,import-not-found,unused-ignore]
+from gymnasium.spaces import MultiDiscrete
 from numpy.typing import NDArray
+from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
 from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
-from safe_inspect.errors import CheckpointError
+from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
+from safe_inspect.config.spec import PolicySpec
+from safe_inspect.environments.facades.spaces import action_space, box
+from safe_inspect.environments.group import AgentGroup
+from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
-from safe_inspect.evaluation.policy_file import PolicyInfo
-from safe_inspect.experiments.files.checkpoints import policy_folder
-from safe_inspect.experiments.files.weights import info_of, read_weights
-from safe_inspect.experiments.modules.distributions import distribution_of_module
-from safe_inspect.experiments.modules.fresh_policy import build_module
-from safe_inspect.random.action_draws import Categorical, draw_in_rollout
-from safe_inspect.random.hurdle_draws import Hurdle, draw_choices
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout
+from safe_inspect.evaluation.shipped import shipped_policies
+from safe_inspect.experiments.files.checkpoints import (
+    INFO,
+    Weights,
+    info_of,
+    policy_folder,
+    read_weights,
+    starting_weights,
+)
+from safe_inspect.experiments.modules.saved_policy import (
+    CHOICES,
+    COASTS,
+    DQN_MODEL_KEYS,
+    HURDLE,
+    TWIN_Q,
+    AppoPolicy,
+    DqnPolicy,
+    HurdleCatalog,
+    SacPolicy,
+    SavedPolicy,
+    TorchHurdle,
+    choices_of,
+    distribution_of_module,
+    load_arrays,
+)
+from safe_inspect.random.action_draws import NO_NOISE, Categorical, Hurdle, draw_choices, draw_in_rollout
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
+
+_HIDDEN_GAIN = math.sqrt(2.0)
+_POLICY_GAIN = 0.01
+
+_SOURCE = "frozen_from"
+
+
+class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
+    """RLlib's policy for PPO, whose `model_config` may also contain the keys of `FRESH_KEYS`.
+
+    A new policy that thrusts at every step leaves the vicinity of the chief at once, and learns to save fuel before it
+    has seen an inspection. The keys therefore set the initial behaviour:
+
+    - ``initial_choice``: the choice that a new categorical policy prefers, usually coasting, with the probability
+      ``initial_probability`` (default 0.9).
+    - ``initial_std``: the standard deviation of a new Gaussian policy.
+    - ``hurdle``: whether continuous thrust has a hurdle distribution, which burns with the probability
+      ``initial_burn_probability`` (default 0.5) in a new policy. Decisions that last several steps always have it.
+    - ``orthogonal``: whether to sample orthogonal weights with gain sqrt(2), and 0.01 in the last layer of the policy.
+    - ``initial_weights``: the folder of a checkpoint with one policy, or the name of a policy that the package ships,
+      with the same nets and actions, whose training is continued. So a team may start with the policy of one deputy.
+      The new policy may observe more than that policy (see `starting_weights`).
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        catalog = kwargs.pop("catalog_class", None) or HurdleCatalog
+        super().__init__(*args, **kwargs, catalog_class=catalog)  # type: ignore[no-untyped-call]
+
+    def setup(self) -> None:
+        """Build the nets and set their initial weights."""
+        super().setup()  # type: ignore[no-untyped-call]
+        own: Any = self.model_config
+        with torch.no_grad():
+            if own.get("orthogonal"):
+                self._draw_orthogonal()
+            if own.get("initial_choice") is not None:
+                self._prefer(int(own["initial_choice"]), float(own.get("initial_probability", 0.9)))
+            if own.get("initial_std") is not None and not isinstance(self.action_space, MultiDiscrete):
+                _last(self.pi).bias[self.log_deviations()] = math.log(float(own["initial_std"]))
+            if own.get(HURDLE) and not isinstance(self.action_space, MultiDiscrete):
+                burns = float(own.get("initial_burn_probability", 0.5))
+                _last(self.pi).bias[0] = math.log(burns / (1.0 - burns))
+            if own.get("initial_weights"):
+                if not self.inference_only:  # a runner gets its weights from the learner
+                    load_arrays(self, starting_weights(own["initial_weights"], own), own["initial_weights"])
+                # A checkpoint builds the module again with this config, when the source may no longer exist.
+                self.model_config = {**own, "initial_weights": None}
+
+    def log_deviations(self) -> slice:
+        """Return the slice of the policy's outputs that are logarithms of standard deviations."""
+        kind: Any = self.get_train_action_dist_cls()
+        if issubclass(kind, TorchHurdle):
+            return slice(1 + kind.numbers, 1 + 2 * kind.numbers)
+        width = len(_last(self.pi).bias)
+        return slice(width // 2, width)
+
+    def _draw_orthogonal(self) -> None:
+        for part in (self.encoder, self.pi, self.vf):
+            for layer in part.modules():
+                if isinstance(layer, torch.nn.Linear):
+                    torch.nn.init.orthogonal_(layer.weight, _HIDDEN_GAIN)
+                    torch.nn.init.zeros_(layer.bias)
+        torch.nn.init.orthogonal_(_last(self.pi).weight, _POLICY_GAIN)
+        torch.nn.init.orthogonal_(_last(self.vf).weight, 1.0)
+
+    def _prefer(self, choice: int, probability: float) -> None:
+        if not isinstance(self.action_space, MultiDiscrete):
+            return
+        bias, first = _last(self.pi).bias, 0
+        for size in self.action_space.nvec.tolist():
+            if choice >= size:
+                raise ValueError(f"`initial_choice` ({choice}) is beyond the last of {size} choices, {size - 1}")
+            others = max(size - 1, 1)
+            bias[first : first + size] = 0.0
+            bias[first + choice] = math.log(probability * others / (1.0 - probability))
+            first += size
+
+
+def _last(head: torch.nn.Module) -> torch.nn.Linear:
+    return [layer for layer in head.modules() if isinstance(layer, torch.nn.Linear)][-1]
+
+
+def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnPolicy:
+    """Return the module that a weights file describes, with its weights.
+
+    Args:
+        weights: Content of the file.
+        title: Name of the file in messages.
+
+    Raises:
+        CheckpointError: The file does not describe a module, or its weights do not match it.
+    """
+    known = {field.name for field in dataclasses.fields(DefaultModelConfig)} | FRESH_KEYS.keys()
+    known |= {INFO, TWIN_Q, COASTS, *DQN_MODEL_KEYS}
+    unknown = sorted(weights.model.keys() - known)
+    if unknown:
+        raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}` of another version")
+    try:
+        kind: Any = SacPolicy if TWIN_Q in weights.model else DqnPolicy if CHOICES in weights.model else FreshPolicy
+        module = kind(
+            observation_space=weights.observation_space,
+            action_space=weights.action_space,
+            model_config={**weights.model, "initial_weights": None},
+            inference_only=kind is not FreshPolicy,
+        )
+    except Exception as error:  # RLlib raises many kinds of errors for invalid settings
+        raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
+    load_arrays(module, weights.arrays, title)
+    found: FreshPolicy | SacPolicy | DqnPolicy = module
+    return found
+
+
+def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
+    """Check that an action of zeros commands no thrust, as a hurdle distribution requires.
+
+    Raises:
+        ConfigError: A controller commands another value.
+    """
+    for element in elements:
+        if element["offset"] and not element["levels"]:
+            raise ConfigError(
+                Problem(
+                    f"a hurdle policy coasts by actions of 0, for which {element['name']} gives {element['offset']:g} "
+                    f"{element['unit']}",
+                    "agent_config",
+                    hint="give the controller limits that are symmetric about 0",
+                )
+            )
+
+
+def policy_spec(
+    model: Mapping[str, Any], algorithm: str = "PPO", info: Mapping[str, str] | None = None
+) -> RLModuleSpec:
+    """Return RLlib's specification of a policy that learns.
+
+    Args:
+        model: The keys of `model_config`.
+        algorithm: Name of the algorithm.
+        info: The metadata of the policy's `PolicyInfo`, for its checkpoints.
+
+    Raises:
+        CheckpointError: The `initial_weights` cannot be read.
+    """
+    info = dict(info or {})
+    own = {key: value for key, value in model.items() if key in FRESH_KEYS}
+    if info.get("distribution") == "hurdle":
+        own |= {HURDLE: True, COASTS: len(json.loads(info["action"])[-1]["levels"])}
+    elif own.get(HURDLE) and info.get("distribution") == "gaussian":
+        info["distribution"] = "hurdle"
+    if info.get("distribution") == "hurdle":
+        _check_zero(json.loads(info["action"]))
+    known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
+    if algorithm not in FLOWN_ALGORITHMS:
+        return RLModuleSpec(model_config=known)
+    if own.get("initial_weights"):
+        starting_weights(own["initial_weights"], {INFO: info})  # raises errors here and not in RLlib's processes
+        if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories
+            own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
+    settings = {**dataclasses.asdict(known), **({} if algorithm == "SAC" else own), INFO: info}
+    if algorithm == "DQN":
+        settings = dataclasses.asdict(known)
+        if info:
+            settings |= {CHOICES: choices_of(info), INFO: {**info, "distribution": "greedy"}}
+        return RLModuleSpec(module_class=DqnPolicy, model_config=settings)
+    kinds = {"SAC": SacPolicy, "APPO": AppoPolicy}
+    return RLModuleSpec(module_class=kinds.get(algorithm, FreshPolicy), model_config=settings)
+
+
+class FrozenPolicy(FreshPolicy):
+    """RLlib's policy as it acts after its training: burns have no noise, and choices are sampled.
+
+    ``frozen_from`` in its `model_config` is the folder of the policy in its checkpoint.
+    """
+
+    def setup(self) -> None:
+        """Build the nets and load their weights."""
+        super().setup()
+        own: Any = self.model_config
+        if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
+            load_arrays(self, read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
+        self.model_config = {key: value for key, value in own.items() if key != _SOURCE}
+
+    def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
+        outputs: dict[str, Any] = self._forward(batch)
+        if not isinstance(self.action_space, MultiDiscrete):
+            quiet = outputs[Columns.ACTION_DIST_INPUTS].clone()
+            quiet[..., self.log_deviations()] = NO_NOISE
+            outputs[Columns.ACTION_DIST_INPUTS] = quiet
+        return outputs
+
+
+def frozen_spec(policy: PolicySpec) -> RLModuleSpec:
+    """Return RLlib's specification of a policy that is loaded from a checkpoint."""
+    folder = _source(policy)
+    weights = read_weights(folder)
+    return RLModuleSpec(
+        module_class=FrozenPolicy,
+        observation_space=weights.observation_space,
+        action_space=weights.action_space,
+        model_config={**weights.model, "initial_weights": None, _SOURCE: str(folder)},
+    )
+
+
+def check_frozen(policies: Mapping[str, PolicySpec], groups: Sequence[AgentGroup]) -> None:
+    """Check that each policy that is loaded from a checkpoint exists and matches its agents.
+
+    Raises:
+        CheckpointError: A checkpoint is missing, damaged or of another task.
+    """
+    group_of = {agent: group for group in groups for agent in group.agents}
+    for policy in policies.values():
+        if policy.trains:
+            continue
+        weights = read_weights(_source(policy))
+        if {CHOICES, TWIN_Q} & weights.model.keys():
+            raise CheckpointError(
+                f"{policy.checkpoint}: policies of SAC and DQN cannot be combined with policies that learn; "
+                "give one of PPO"
+            )
+        for agent in policy.agents:
+            group = group_of[agent]
+            spaces = (
+                ("observation", weights.observation_space, box(group.observation_layout)),
+                ("action", weights.action_space, action_space(group.action_layout)),
+            )
+            for what, space, wanted in spaces:
+                if space.shape != wanted.shape or type(space) is not type(wanted):
+                    raise CheckpointError(
+                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, but the "
+                        f"agent has {wanted.shape[0]}; give a checkpoint with the same glues"
+                    )
+            if weights.info is not None:
+                check_layout(str(policy.checkpoint), weights.info, replace(group.agent, name=agent))
+
+
+def _source(policy: PolicySpec) -> Path:
+    return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)
 
 
 class TrainedPolicy:

@@ -1,4 +1,4 @@
-"""`TanhNet`: linear layers with tanh between them, with forward and backward passes in preallocated arrays.
+"""`TanhNet` and `PolicyNet`: the nets of policies as plain functions of a batch of observations.
 
 For nets as small as those of policies, a third of the time is autograd's overhead around the matrix products, and
 Torch's tanh takes longer than half a layer's product. Without these passes and `FastAdam`, a whole training at the
@@ -8,18 +8,20 @@ shipped settings (nets of 256 and 256 units, minibatches of 500) takes 1.3 to 1.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPPOTorchRLModule
+from ray.rllib.core.columns import Columns
 from ray.rllib.core.models.torch.encoder import TorchActorCriticEncoder, TorchMLPEncoder
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
 from ray.rllib.core.models.torch.primitives import TorchMLP
 
 from safe_inspect.compiling import njit
+from safe_inspect.experiments.modules.saved_policy import distribution_of_module
 from safe_inspect.types import AnyArray
 
 #: For inputs from this value on, tanh rounds to 1.
@@ -38,6 +40,13 @@ _Q0, _Q1, _Q2, _Q3, _Q4 = map(
 
 # The compiler may fuse products into sums and vectorise the loop; a division by zero cannot happen.
 _vectorised = njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
+
+#: Methods of the module that are involved in sampling an action, and in computing the losses.
+SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
+TRAINING = ("forward_train", "_forward_train", "compute_values")
+#: Least number of rows of a batch. With fewer rows, the last bit of matrix products depends on the number of rows.
+LEAST_ROWS = 16
+_VECTOR = 16  # largest number of float32 values in a vector register
 
 
 @_vectorised  # type: ignore[untyped-decorator]
@@ -171,11 +180,6 @@ class TanhNet:
             torch.mm(gradient.t(), batch, out=slope)
 
 
-#: Methods of the module that are involved in sampling an action, and in computing the losses.
-SAMPLING = ("_forward", "_forward_exploration", "_forward_inference", "forward_exploration", "forward_inference")
-TRAINING = ("forward_train", "_forward_train", "compute_values")
-
-
 @dataclass(frozen=True, eq=False)
 class PlainLayers:
     """A net whose outputs are ``head(body(observations))``.
@@ -238,3 +242,59 @@ def _layers(encoder: Any, head: Any) -> PlainLayers | None:
     if not known or type(head) not in (TorchMLPHead, TorchFreeLogStdMLPHead):
         return None
     return PlainLayers(encoder.net.mlp, head)
+
+
+class PolicyNet:
+    """Function from the observations of one step to the inputs of a policy's action distribution.
+
+    The rows are padded to `LEAST_ROWS`, so that the result of a row does not depend on the number of other rows.
+
+    Args:
+        module: RLlib's module of the policy; its weights may change in place.
+        rows: Number of rows of a batch.
+        device: Device of the module.
+    """
+
+    def __init__(self, module: Any, rows: int, device: Any = "cpu") -> None:
+        self._module = module
+        self._device = torch.device(device)
+        self._rows = rows
+        size = int(np.prod(module.observation_space.shape))
+        batch = torch.zeros((max(rows, LEAST_ROWS), size), dtype=torch.float32)
+        self._batch = batch
+        self._remote = None if self._device.type == "cpu" else batch.to(self._device)
+        #: The observations of the next call, float32, shape (rows, O).
+        self.observations: AnyArray = batch.numpy()[:rows]
+        self._plain = self._plain_layers()
+        #: The action distribution of the module, which is one of those that are supported.
+        self.distribution: Any = distribution_of_module(module)
+
+    def __call__(self, explore: bool) -> AnyArray:
+        """Return the inputs of the action distributions, float32, shape (rows, I).
+
+        Args:
+            explore: Whether to call the module's forward pass for exploration instead of that for inference.
+        """
+        with torch.no_grad():
+            batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
+            found = self._ask(batch, explore) if self._plain is None else self._plain(batch)
+        return np.asarray(found[: self._rows].cpu().numpy())
+
+    def _ask(self, batch: torch.Tensor, explore: bool) -> torch.Tensor:
+        ask = self._module.forward_exploration if explore else self._module.forward_inference
+        found: torch.Tensor = ask({Columns.OBS: batch})[Columns.ACTION_DIST_INPUTS]
+        return found
+
+    def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
+        """Return the policy's layers as a function; None if its outputs are not those of plain layers.
+
+        The learner's tanh needs widths that are multiples of the processor's vectors, so that the result of a row does
+        not depend on its index.
+        """
+        found = policy_layers(self._module, SAMPLING)
+        if found is None or self._remote is not None:
+            return found
+        layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
+        if layers is None or any(layer.out_features % _VECTOR for layer in layers[:-1]):
+            return found
+        return TanhNet(layers, len(self._batch), found.limit).forward

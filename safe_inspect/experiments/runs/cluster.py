@@ -1,4 +1,4 @@
-"""Starting and stopping Ray for a run.
+"""Starting and stopping Ray for a run, and rendezvous missions as Ray tasks, on this machine or on a cluster.
 
 Ray prints nothing, writes to a separate folder, and leaves neither files nor processes behind.
 """
@@ -14,14 +14,17 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.evaluation.missions import fly_mission
 from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.settings.translation import translate_ray
 from safe_inspect.interrupts import STOPPING, Interrupted, deferred, handled
 from safe_inspect.outputs import is_full
 
@@ -36,7 +39,7 @@ _ENVIRONMENT = {
     "RAY_AIR_NEW_OUTPUT": "0",
     "RAY_agent_register_timeout_ms": "120000",  # for the processes that a node starts, see `patient_start`
     "RAY_worker_niceness": "0",  # with Ray's default of 15 a training gets a thirtieth of a shared core
-    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes its own logs, see training_log
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",  # the run writes its own logs, see `TrainingLog`
     "TUNE_DISABLE_SIGINT_HANDLER": "1",
     "TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S": "0",
 }
@@ -318,3 +321,60 @@ def _keep_logs(temporary: Path, target: Path) -> None:
                 shutil.copyfile(path, target / path.name)
     except OSError:
         shutil.rmtree(target, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class RayFlights:
+    """Runner of missions as Ray tasks, each of which uses one processor.
+
+    Only the process that started the tasks writes files. The nodes of a cluster need this package, but no shared disk.
+
+    Attributes:
+        address: ``auto`` or the address of a running cluster to join; ``local`` starts Ray on this machine.
+        workers: Number of missions that run at the same time.
+    """
+
+    address: str
+    workers: int
+
+    def __call__(
+        self, tree: dict[str, Any], source: str, numbers: Sequence[int]
+    ) -> Generator[tuple[int, dict[str, Any]], None, None]:
+        """Run missions and yield the number and the result of each as it ends.
+
+        Args:
+            tree: The resolved configuration of the missions.
+            source: The file from which the configuration was loaded.
+            numbers: The numbers of the missions.
+
+        Raises:
+            ConfigError: The cluster cannot be reached.
+        """
+        set_environment()
+        import ray  # slow to import
+
+        settings = translate_ray({"address": self.address, "num_cpus": self.workers}).settings
+        with ray_cluster(settings, 1.0, None):
+            fly = ray.remote(num_cpus=1)(fly_mission)
+            shared = ray.put(tree)
+            missing = list(reversed(numbers))
+            flying: list[Any] = []
+            try:
+                while missing or flying:
+                    while missing and len(flying) < self.workers:
+                        flying.append(fly.remote(shared, source, missing.pop()))
+                    done, flying = ray.wait(flying)
+                    yield _result(done[0])
+            finally:
+                for task in flying:
+                    ray.cancel(task, force=True)
+
+
+def _result(task: Any) -> tuple[int, dict[str, Any]]:
+    import ray
+
+    try:
+        flown: tuple[int, dict[str, Any]] = ray.get(task)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None  # omits the traceback of the worker
+    return flown

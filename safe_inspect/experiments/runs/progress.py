@@ -1,7 +1,15 @@
-"""Progress of a training as text: one line for each iteration, and a progress bar on a terminal."""
+"""Progress of a training: one line for each iteration, and the files of the run.
+
+A resumed run continues these files (progress.csv, result.json and the TensorBoard log): the entries that an earlier
+attempt logged after the checkpoint from which the run continues are removed. (Tune's own logs start again with each
+attempt, count TensorBoard's steps in iterations, drop columns that appear late, and repeat the whole configuration in
+each line.)
+"""
 
 from __future__ import annotations
 
+import csv
+import json
 import math
 import threading
 import time
@@ -12,6 +20,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from safe_inspect.config.keys.run_keys import COMPILING
+from safe_inspect.outputs import new_file
 
 #: Columns of progress.csv, each with the path of the value in RLlib's result.
 COLUMNS: dict[str, str] = {
@@ -43,6 +52,8 @@ _SINGLE = "default_policy"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
 _SHOWN = 5  # largest number of agents whose values are printed one by one
 _ENDLESS = 1e15  # larger limits mean "no limit"; safe-autonomy-sims uses 9e18
+
+_HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
 
 
 def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
@@ -130,15 +141,9 @@ class Messages:
         with suppress(OSError, RuntimeError):
             self._stream.flush()
 
-    def isatty(self) -> bool:
-        """Return whether the stream is a terminal."""
-        return self._stream.isatty()
-
 
 class Heartbeat:
     """Printer of status lines while a training prints nothing else: when it compiles, and every half minute.
-
-    On a terminal it prints nothing once there is a progress bar.
 
     Args:
         stream: The stream to print to.
@@ -171,8 +176,6 @@ class Heartbeat:
 
     def beat(self) -> None:
         """Print a status line if one is due."""
-        if self._iterated and self._stream.isatty():
-            return
         now, compiles = time.monotonic(), not self._iterated and self._note.exists()
         self._seen = self._seen + 1 if compiles else 0  # short compilations are not reported
         what = "the next iteration" if self._iterated else "the first iteration"
@@ -196,7 +199,7 @@ class TrainingProgress:
 
     Args:
         stop: Limits at which the training ends, by RLlib's names.
-        stream: The stream to print to; on a terminal a progress bar is added.
+        stream: The stream to print to.
         label: Printed before each line, to distinguish trials.
     """
 
@@ -212,19 +215,12 @@ class TrainingProgress:
         self._stop = dict(stop)
         self._stream = stream
         self._label = f"{label}  " if label else ""
-        self._terminal = stream.isatty()
         self._recent: deque[dict[str, float]] = deque(maxlen=11)
-        self._bar = False
 
     def show(self, flat: Mapping[str, float]) -> None:
         """Print the line of an iteration."""
         self._recent.append({key: flat.get(key, 0.0) for key in self._TIMED})
-        self.close()
-        print(self.line(flat), file=self._stream)
-        if self._terminal:
-            self._stream.write(self.bar(flat))
-            self._bar = True
-        self._stream.flush()
+        print(self.line(flat), file=self._stream, flush=True)
 
     def line(self, flat: Mapping[str, float]) -> str:
         """Return the line of an iteration."""
@@ -245,19 +241,6 @@ class TrainingProgress:
             )
         )
         return f"{line}\n{_of_agents(flat, agents)}" if agents else line
-
-    def bar(self, flat: Mapping[str, float], width: int = 40) -> str:
-        """Return the progress bar, which shows the fraction of the time to the nearest limit."""
-        left, passed = self._left(flat), flat.get("time_total_s", 0.0) - flat.get(COMPILING, 0.0)
-        share = passed / (passed + left) if math.isfinite(left) and passed + left > 0.0 else 0.0
-        full = round(width * share)
-        return f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {clock_text(left)}"
-
-    def close(self) -> None:
-        """Remove the progress bar."""
-        if self._bar:
-            self._stream.write("\r\x1b[K")
-            self._bar = False
 
     def _rate(self, key: str) -> float:
         """Return the increase per second over the last ten iterations, excluding the time spent compiling."""
@@ -298,3 +281,85 @@ def _of_agents(flat: Mapping[str, float], agents: Sequence[str]) -> str:
         for agent, value, count in zip(agents, returns, counts, strict=True)
     )
     return "    " + "   ".join(each)
+
+
+class TrainingLog:
+    """Writer of the logs of one training.
+
+    Args:
+        folder: Folder of the files.
+        iteration: The iteration from which the training continues; later rows are removed.
+        steps: Number of environment steps at that iteration.
+    """
+
+    def __init__(self, folder: Path, iteration: int = 0, steps: int = 0) -> None:
+        from tensorboardX import SummaryWriter  # type: ignore[import-untyped]
+
+        folder.mkdir(parents=True, exist_ok=True)
+        self._csv, self._json = folder / "progress.csv", folder / "result.json"
+        self._rows = [row for row in read_progress(self._csv) if row["iteration"] <= iteration]
+        self._columns = list(dict.fromkeys(column for row in self._rows for column in row))
+        _keep_lines(self._json, iteration)
+        self._write_rows()
+        purge = steps + 1 if iteration else None
+        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=purge, flush_secs=10)
+
+    def add(self, flat: Mapping[str, float]) -> None:
+        """Write the entries of an iteration, given its flattened result."""
+        row = row_of(flat)
+        self._rows.append(row)
+        new = [column for column in row if column not in self._columns]
+        self._columns += new
+        if new:  # such as the reward terms, which are only known once the first episode has ended
+            self._write_rows()
+        else:
+            with self._csv.open("a", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, self._columns).writerow(_cells(row))
+        with self._json.open("a", encoding="utf-8") as file:
+            values = {key: value for key, value in flat.items() if math.isfinite(value)}
+            file.write(json.dumps(values) + "\n")
+        step = int(flat.get("num_env_steps_sampled_lifetime", 0))
+        for key, value in flat.items():
+            if math.isfinite(value) and key not in _HIDDEN:
+                self._board.add_scalar(key if "/" in key else f"run/{key}", value, step)
+        self._board.flush()
+
+    def close(self) -> None:
+        """Close the files."""
+        self._board.close()
+
+    def _write_rows(self) -> None:
+        if not self._columns:
+            self._csv.unlink(missing_ok=True)
+            return
+        with new_file(self._csv) as work, work.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, self._columns)
+            writer.writeheader()
+            writer.writerows(_cells(row) for row in self._rows)
+
+
+def read_progress(path: Path) -> list[dict[str, float]]:
+    """Return the rows of a progress.csv; an empty cell is NaN, and a row that a kill has truncated is omitted."""
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row.get("iteration") and None not in row.values()]
+    return [{key: float(cell) if cell else math.nan for key, cell in row.items() if key is not None} for row in rows]
+
+
+def _cells(row: Mapping[str, float]) -> dict[str, str]:
+    return {key: f"{value:.10g}" if math.isfinite(value) else "" for key, value in row.items()}
+
+
+def _keep_lines(path: Path, iteration: int) -> None:
+    if not path.is_file():
+        return
+    kept = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            if json.loads(line)["training_iteration"] <= iteration:
+                kept.append(line + "\n")
+        except (ValueError, KeyError):
+            continue  # truncated by a kill
+    with new_file(path) as work:
+        work.write_text("".join(kept), encoding="utf-8")

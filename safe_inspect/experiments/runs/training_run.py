@@ -10,18 +10,15 @@ from typing import Any
 from safe_inspect import errors
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.experiments.files.weights import INFO, initial_weights, starting_weights
-from safe_inspect.experiments.settings.environments import DEFAULT_MAKER
-from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import read_policies
-from safe_inspect.experiments.settings.policy_info import policy_info
+from safe_inspect.experiments.files.checkpoints import INFO, starting_weights
+from safe_inspect.experiments.settings.key_tables import TranslatedSettings, is_searched
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, policy_info, read_policies
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import (
     translate_ray,
     translate_rllib,
     translate_tune,
 )
-from safe_inspect.experiments.settings.values import is_searched
 
 
 @dataclass(frozen=True)
@@ -104,9 +101,6 @@ def read_settings(
     algorithm = tuned.settings.get("algorithm")
     translated = translate_rllib(rllib, algorithm)
     found, notes, problems = read_policies(policies, translated.settings["algorithm"])
-    problems += _unreadable_weights("rllib_configs", translated.settings)
-    for name, policy in found.items():
-        problems += _unreadable_weights(f"policies.{name}", policy.config)
     trials: tuple[Trial, ...] = ()
     wrong: list[errors.Problem] = []
     if not translated.problems and not tuned.problems:
@@ -124,19 +118,8 @@ def read_settings(
     )
 
 
-def _unreadable_weights(path: str, settings: Mapping[str, Any]) -> list[errors.Problem]:
-    """Return a problem if the initial weights of a policy cannot be read."""
-    source = settings.get("model_config", {}).get("initial_weights")
-    try:
-        if source is not None:
-            initial_weights(source)
-    except errors.CheckpointError as error:
-        return [errors.Problem(str(error), f"{path}.model_config.initial_weights")]
-    return []
-
-
 def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Problem]:
-    """Return a problem for each policy whose initial weights do not match the experiment.
+    """Return a problem for each policy whose initial weights cannot be read or do not match the experiment.
 
     Args:
         experiment: The experiment.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from math import isfinite
 from typing import Any, cast
 
@@ -17,11 +18,12 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.tune.schedulers import TrialScheduler
 from ray.tune.search import Searcher
 
+from safe_inspect.experiments.settings.key_tables import DRAWN, GRID
 from safe_inspect.experiments.settings.objects import built_as, mistake
-from safe_inspect.experiments.settings.values import DRAWN, GRID
 
-#: The default metric by which trials are ranked.
-METRIC = "env_runners/episode_return_mean"
+#: Key of the environment's configuration for the number of the trial.
+TRIAL_KEY = "trial"
+_maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
 
 
 def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
@@ -55,21 +57,9 @@ def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> 
     own = entry["config"]
     logging.getLogger("optuna").setLevel(logging.WARNING)  # optuna logs a line for each study
     try:
-        return Suggestions(
-            made, searched, own.get("metric") or figure_of(settings), own.get("mode") or mode_of(settings)
-        )
+        return Suggestions(made, searched, own.get("metric") or settings["metric"], own.get("mode") or settings["mode"])
     except Exception as error:  # a searcher may raise any kind of error
         raise mistake(f"{entry['functor']} cannot search: {error}", where) from error
-
-
-def figure_of(settings: Mapping[str, Any]) -> str:
-    """Return the metric by which trials are ranked."""
-    return str(settings.get("metric") or METRIC)
-
-
-def mode_of(settings: Mapping[str, Any]) -> str:
-    """Return ``max`` if the best trial has the largest metric, and ``min`` if it has the smallest."""
-    return str(settings.get("mode") or "max")
 
 
 def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -77,7 +67,7 @@ def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
     entry = settings.get("scheduler")
     if entry is None or "metric" in entry["config"]:
         return {}
-    return {"metric": figure_of(settings), "mode": mode_of(settings)}
+    return {"metric": settings["metric"], "mode": settings["mode"]}
 
 
 def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
@@ -90,7 +80,7 @@ def callbacks_of(settings: Mapping[str, Any]) -> list[tune.Callback]:
     for index, entry in enumerate(settings.get("callbacks") or ()):
         where, what = f"tune_config.callbacks[{index}]", "a ray.tune.Callback; give RLlib's among the RLlib keys"
         made = built_as(tune.Callback, what, entry, where)
-        cast(Any, made).setup = _Setup(made.setup, str(entry["functor"]), where)
+        cast(Any, made).setup = partial(_set_up, made.setup, str(entry["functor"]), where)
         found.append(made)
     return found
 
@@ -106,41 +96,21 @@ def check_objects(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> N
     callbacks_of(settings)
 
 
-class _Setup:
-    """The `setup` of a callback, which Tune calls at the start of a training; errors name the callback."""
+def _set_up(setup: Callable[..., None], functor: str, where: str, *args: Any, **keywords: Any) -> None:
+    """Call the `setup` of a callback, which Tune does at the start of a training.
 
-    def __init__(self, setup: Callable[..., None], functor: str, where: str) -> None:
-        self._setup, self._functor, self._where = setup, functor, where
-
-    def __call__(self, *args: Any, **keywords: Any) -> None:
-        """Call the `setup`.
-
-        Raises:
-            ConfigError: It fails, for example because a package or a key is missing, or a path cannot be written.
-        """
-        try:
-            self._setup(*args, **keywords)
-        except Exception as error:  # a logger may raise any kind of error
-            raise mistake(f"{self._functor} cannot start: {error}", self._where) from error
-
-
-#: Key of the environment's configuration for the number of the trial.
-TRIAL_KEY = "trial"
-
-
-class OfTrial:
-    """Function for Tune that returns one value of a trial, given the trial's configuration.
-
-    Args:
-        values: The value of each trial.
+    Raises:
+        ConfigError: It fails, for example because a package or a key is missing, or a path cannot be written.
     """
+    try:
+        setup(*args, **keywords)
+    except Exception as error:  # a logger may raise any kind of error
+        raise mistake(f"{functor} cannot start: {error}", where) from error
 
-    def __init__(self, values: Sequence[Any]) -> None:
-        self._values = list(values)
 
-    def __call__(self, config: Mapping[str, Any]) -> Any:
-        """Return the value of the trial."""
-        return self._values[config["env_config"][TRIAL_KEY]]
+def _value_of_trial(values: Sequence[Any], config: Mapping[str, Any]) -> Any:
+    """Return the value of a trial for Tune, given the values of all trials and the trial's configuration."""
+    return values[config["env_config"][TRIAL_KEY]]
 
 
 def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
@@ -156,10 +126,7 @@ def search_space(configs: Sequence[AlgorithmConfig]) -> dict[str, Any]:
 
 
 def _functions(trees: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {key: tune.sample_from(OfTrial([tree[key] for tree in trees])) for key in trees[0]}
-
-
-_maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
+    return {key: tune.sample_from(partial(_value_of_trial, [tree[key] for tree in trees])) for key in trees[0]}
 
 
 class Suggestions(Searcher):

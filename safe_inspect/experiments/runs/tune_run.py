@@ -1,11 +1,17 @@
-"""One attempt of a training: start Ray, run Tune, stop Ray. Importing this module loads Ray and Torch."""
+"""One attempt of a training: start Ray, run Tune, stop Ray. Importing this module loads Ray and Torch.
+
+`Monitor` is Tune's callback and stopper, which logs iterations, seals checkpoints and stops the training.
+"""
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import os
-from collections.abc import Mapping
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -15,22 +21,170 @@ from ray.exceptions import RayActorError
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.checkpoints import Checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder, parameters_text
+from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.files.run_folder import (
+    RunFolder,
+    copy_attempt,
+    parameters_text,
+    read_parameters,
+    read_run_record,
+)
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules.fresh_policy import check_frozen
-from safe_inspect.experiments.runs import cluster, tune_hooks, tune_objects
-from safe_inspect.experiments.runs.progress import flatten
+from safe_inspect.experiments.modules.policy import check_frozen
+from safe_inspect.experiments.runs import cluster, tune_objects
+from safe_inspect.experiments.runs.progress import Heartbeat, TrainingLog, TrainingProgress, flatten
 from safe_inspect.experiments.runs.trials import write_trial
+from safe_inspect.experiments.runs.tune_objects import TRIAL_KEY
 from safe_inspect.experiments.sampling import environment
-from safe_inspect.experiments.settings.environments import environment_settings
-from safe_inspect.experiments.settings.policies import check_layouts
-from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_of
+from safe_inspect.experiments.settings.policies import check_layouts, environment_settings
+from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_folder_name, trial_of
+from safe_inspect.interrupts import Interrupted, handled
 
 if TYPE_CHECKING:
     from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
     from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
+
+
+_monitor: Monitor | None = None
+
+
+class Monitor(tune.Callback, tune.Stopper):
+    """Callback and stopper for Tune, in the process that started the training.
+
+    Tune pickles it with its own state, from which a search is resumed. Its pickle contains only a reference to the
+    monitor that `monitored` sets.
+
+    Args:
+        folder: The run's folder.
+        stop: Limits at which the training ends, by RLlib's names.
+        stream: Stream for the progress.
+        digest: Hash of the configuration, for the seals.
+        start: The checkpoint from which the training continues.
+        single: Whether there is only one trial, whose logs are in the run's folder itself.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        stop: Mapping[str, float],
+        stream: TextIO,
+        digest: str,
+        start: Checkpoint | None = None,
+        single: bool = True,
+    ) -> None:
+        self.folder, self.stop, self.stream, self.digest = folder, dict(stop), stream, digest
+        self.start, self.single = start, single
+        self.interrupted = False
+        self.last: dict[str, float] = {}
+        self.best: Path | None = None
+        self._logs: dict[str, TrainingLog] = {}
+        self._lines: dict[str, TrainingProgress] = {}
+        self.heartbeat = Heartbeat(stream, folder.compiling_note)
+
+    def __reduce__(self) -> tuple[Any, tuple[()]]:
+        return _present_monitor, ()
+
+    def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **_: Any) -> None:
+        """Record and print that a trial of a search starts."""
+        if self.single:
+            return
+        name = _trial_name(trial)
+        own = RunFolder(self.folder.trials / name)
+        copy_attempt(self.folder, own)
+        print(f"{name}  {parameters_text(read_parameters(own.path))}", file=self.stream, flush=True)
+
+    def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
+        """Log and print an iteration of a trial."""
+        flat, name = flatten(result), _trial_name(trial)
+        if not self.single:
+            flat["seed"] = float(result["config"]["env_config"]["seed"])  # the seed of a resumed algorithm differs
+        self.last = flat
+        if name not in self._logs:
+            start = self.start or Checkpoint(self.folder.path, 0)
+            if self.single:
+                self._logs[name] = TrainingLog(self.folder.path, start.iteration, start.steps)
+            else:
+                self._logs[name] = TrainingLog(self.folder.trials / name, int(flat["training_iteration"]) - 1)
+            self._lines[name] = TrainingProgress(self.stop, self.stream, "" if self.single else name)
+        self._logs[name].add(flat)
+        self.heartbeat.iteration()
+        self._lines[name].show(flat)
+
+    def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
+        """Seal a checkpoint that Tune has written."""
+        flat, path = flatten(trial.last_result), Path(checkpoint.path)
+        digest = self.digest if self.single else str(read_run_record(RunFolder(path.parent))["digest"])
+        seal_checkpoint(
+            Checkpoint(
+                path,
+                int(flat.get("training_iteration", 0)),
+                int(flat.get("num_env_steps_sampled_lifetime", 0)),
+                flat.get("time_total_s", 0.0),
+                digest,
+            )
+        )
+
+    def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        """Return whether a trial has reached a limit, or the user has interrupted the training."""
+        flat = flatten(result)
+        return self.interrupted or any(flat.get(key, float("-inf")) >= limit for key, limit in self.stop.items())
+
+    def stop_all(self) -> bool:
+        """Return False, because each trial ends separately, with a checkpoint."""
+        return False
+
+    def interrupt(self, number: int) -> None:
+        """End after this iteration with a checkpoint, or immediately at a second SIGINT or SIGTERM.
+
+        A second signal of another kind, such as that of a closed terminal, is ignored.
+
+        Raises:
+            Interrupted: It is the second interruption.
+        """
+        if self.interrupted:
+            if number in (signal.SIGINT, signal.SIGTERM):
+                raise Interrupted(number)
+            return
+        self.interrupted = True
+        print(
+            "stopping after this iteration, with a checkpoint; interrupt again to stop immediately",
+            file=self.stream,
+            flush=True,
+        )
+
+    def close(self) -> None:
+        """Close the logs."""
+        for log in self._logs.values():
+            log.close()
+
+
+def _present_monitor() -> Monitor | None:
+    return _monitor
+
+
+@contextmanager
+def monitored(monitor: Monitor) -> Iterator[None]:
+    """Set the monitor to which its pickles refer, and let it handle signals, within a context."""
+    global _monitor
+    _monitor = monitor
+    try:
+        with handled(monitor.interrupt):
+            yield
+    finally:
+        _monitor = None
+        monitor.close()
+
+
+def folder_name(trial: Any) -> str:
+    """Return the name of the folder of a new trial, which contains its number in the experiment."""
+    number = (trial.config.get("env_config") or {}).get(TRIAL_KEY)
+    return f"trial_{str(trial.trial_id).rpartition('_')[2]}" if number is None else trial_folder_name(number)
+
+
+def _trial_name(trial: Any) -> str:
+    """Return the name of a trial; it does not change when a scheduler gives the trial another one's configuration."""
+    return trial.storage.trial_dir_name or folder_name(trial)
 
 
 def check(run: TrainingRun, settings: Settings) -> None:
@@ -70,7 +224,7 @@ def run_tune(
     digest: str,
     start: Checkpoint | None,
     stream: TextIO,
-) -> tune_hooks.Monitor:
+) -> Monitor:
     """Train until a limit is reached, and return the monitor, which contains the last iteration.
 
     Args:
@@ -106,7 +260,7 @@ def run_tune(
             raise SafeInspectError(f"{trial.name} with {parameters_text(values)} cannot train: {error}") from None
 
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
-    monitor = tune_hooks.Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
+    monitor = Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
     where = f"continues after iteration {start.iteration}" if start else "starts"
     if run.resume is not None and not settings.single:
@@ -124,16 +278,16 @@ def run_tune(
     with (
         monitor.heartbeat,
         cluster.ray_cluster(settings.ray.settings, processors, folder),
-        tune_hooks.monitored(monitor),
+        monitored(monitor),
         tune_objects.making(suggested),
     ):
         _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)
-        tuner = _tuner(configs, settings, folder, number, run.resume is not None)
+        tuner = _tuner(configs, settings, monitor, number, run.resume is not None)
         results = tuner.fit()
         failed = next(iter(results.errors), None)
         if failed is not None:
-            _raise_failure(tune_hooks.read_failure(folder.failure), failed)
+            _raise_failure(folder.failure, failed)
     monitor.best = (_best if settings.single else _best_trial)(results, settings.tune.settings)
     if start is not None and monitor.last and monitor.last["training_iteration"] <= start.iteration:
         raise CheckpointError(f"{start.path}: the training did not continue from the checkpoint")
@@ -164,7 +318,7 @@ def _config(
 
 
 def _tuner(
-    configs: list[AlgorithmConfig], settings: Settings, folder: RunFolder, number: int, resumed: bool
+    configs: list[AlgorithmConfig], settings: Settings, monitor: Monitor, number: int, resumed: bool
 ) -> tune.Tuner:
     """Return a new Tuner; for a resumed search over several trials, return the restored Tuner instead.
 
@@ -175,7 +329,7 @@ def _tuner(
         CheckpointError: A search is resumed and Tune's state is missing.
     """
     os.environ["TUNE_DISABLE_STRICT_METRIC_CHECKING"] = "1"  # there is no mean return before the first episode ends
-    chosen = settings.tune.settings
+    chosen, folder = settings.tune.settings, monitor.folder
     suggestions = tune_objects.suggestions_of(chosen, searches_of(settings.rllib.settings))
     space: Any = {} if suggestions else configs[0] if settings.single else tune_objects.search_space(configs)
     algorithm = settings.rllib.settings["algorithm"]
@@ -200,14 +354,14 @@ def _tuner(
             num_samples=chosen["num_samples"] if suggestions else 1,
             **tune_objects.ranking(chosen),
             reuse_actors=False,  # reuse saves a second between trials, but carries state from one trial to the next
-            trial_dirname_creator=tune_hooks.folder_name,
+            trial_dirname_creator=folder_name,
         ),
         run_config=tune.RunConfig(
             name=f"{number:03d}" if settings.single else folder.trials.name,
             storage_path=str(folder.tune if settings.single else folder.path),
-            stop=tune_hooks.RunStopper(),
+            stop=monitor,
             verbose=0,
-            callbacks=[tune_hooks.RunCallback(), *tune_objects.callbacks_of(chosen)],
+            callbacks=[monitor, *tune_objects.callbacks_of(chosen)],
             failure_config=tune.FailureConfig(max_failures=chosen["max_failures"]),
             checkpoint_config=tune.CheckpointConfig(
                 num_to_keep=chosen["num_to_keep"],
@@ -223,7 +377,7 @@ def _tuner(
 def _best_trial(results: Any, chosen: Mapping[str, Any]) -> Path | None:
     """Return the folder of the best trial of a search; None if no trial has the metric that ranks trials."""
     try:
-        return Path(results.get_best_result(tune_objects.figure_of(chosen), tune_objects.mode_of(chosen)).path)
+        return Path(results.get_best_result(chosen["metric"], chosen["mode"]).path)
     except RuntimeError:
         return None
 
@@ -241,11 +395,14 @@ def _best(results: Any, chosen: Mapping[str, Any]) -> Path | None:
 
 def process_died(error: BaseException | None) -> bool:
     """Return whether a training failed because one of Ray's processes died (was killed, or memory ran out)."""
+    return any(isinstance(cause, RayActorError) and not cause.actor_init_failed for cause in _causes(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and its causes, which Ray gives as `cause`."""
     while error is not None:
-        if isinstance(error, RayActorError) and not error.actor_init_failed:
-            return True
+        yield error
         error = getattr(error, "cause", None) or error.__cause__
-    return False
 
 
 def _quiet() -> None:
@@ -257,15 +414,9 @@ def _quiet() -> None:
     warnings.filterwarnings("ignore", module=r"(ray|gymnasium|tensorboardX)\b")
 
 
-def _raise_failure(failure: Mapping[str, str], error: BaseException | None) -> None:
+def _raise_failure(file: Path, error: BaseException) -> None:
     """Raise the error of a training: the user's error if an environment has written one to a file."""
-    kind = getattr(errors, failure.get("error", ""), SafeInspectError)
-    if failure:
-        raise kind(failure["message"])
-    cause = error
-    while cause is not None:
-        if isinstance(cause, SafeInspectError):
-            raise cause
-        cause = getattr(cause, "cause", None) or cause.__cause__
-    if error is not None:
-        raise error
+    if file.is_file():
+        failure = json.loads(file.read_text(encoding="utf-8"))
+        raise getattr(errors, failure["error"], SafeInspectError)(failure["message"])
+    raise next((cause for cause in _causes(error) if isinstance(cause, SafeInspectError)), error)

@@ -1,60 +1,82 @@
-"""`Sampler`: sampling of N environments with all their agents into arrays, without RLlib's episodes."""
+"""`Sampler`: sampling of N environments with all their agents into arrays, without RLlib's episodes.
+
+`DecisionSampler` is for decisions that last several steps, and `episode_reports` gives the values of ended episodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from safe_inspect.environments.accumulator import EpisodeAccumulator
+from safe_inspect.dones.base import DoneStatus
+from safe_inspect.environments.episodes import INFO, OWN, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.experiments.sampling.episode_reports import EpisodeReport, episode_reports
-from safe_inspect.experiments.sampling.policy_net import PolicyNet
-from safe_inspect.experiments.sampling.rollout import Rollout
+from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
+from safe_inspect.experiments.sampling.rollout import AgentSlot, DecisionRollout, Rollout
 from safe_inspect.random.action_draws import Distribution, DrawRows
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
+#: Values of an episode by name; a path such as ``agents/blue0/delta_v`` denotes nested names.
+EpisodeReport = dict[str, float]
+
 #: Indices of some environments of a batch.
 Rows = IntArray | slice
+_ROOM = 32  # decisions of each agent for which a rollout has room at first
 
 
-@dataclass(frozen=True)
-class AgentSlot:
-    """A controlled agent.
+def episode_reports(
+    environment: TeamEnvironment,
+    sums: EpisodeAccumulator,
+    rows: Sequence[int] | IntArray,
+    transition: TeamTransition,
+) -> list[EpisodeReport]:
+    """Return the reports of the episodes of some rows; must be called before these rows are reset.
 
-    Attributes:
-        agent: Its name.
-        policy: Name of its policy.
-        group: Index of its group among the controlled groups.
-        member: Its index in the group.
-        deputy: Its index among all agents.
-    """
-
-    agent: str
-    policy: str
-    group: int
-    member: int
-    deputy: int
-
-
-def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | None = None) -> tuple[AgentSlot, ...]:
-    """Return the controlled agents, in order.
+    ``return`` and ``reward/NAME`` are sums over the controlled agents, ``delta_v`` and ``interventions`` are means over
+    the deputies. With several agents ``agents/NAME/...`` contains the same values for each agent.
 
     Args:
         environment: The environments.
-        policy_of: Function from an agent to its policy; by default the policies of the environments are used.
+        sums: The accumulated values of their episodes.
+        rows: The rows whose episodes have ended.
+        transition: The last step.
     """
-    return tuple(
-        AgentSlot(agent, policy_of(agent) if policy_of else group.policies[member], index, member, group.first + member)
-        for index, group in enumerate(environment.acting)
-        for member, agent in enumerate(group.agents)
-    )
+    rows = np.asarray(rows, dtype=np.int64)
+    state, outcome = environment.state, transition.outcome[rows]
+    acting = [group.first + member for group in environment.acting for member in range(group.size)]
+    columns: dict[str, AnyArray] = {
+        "return": sums.returns[rows][:, acting].sum(axis=1),
+        "length": sums.lengths[rows].max(axis=1),
+        "success_rate": outcome == DoneStatus.WIN,
+        "lost_rate": outcome == DoneStatus.LOSE,
+        "delta_v": state.delta_v[rows].mean(axis=1),
+    }
+    columns |= sums.info(rows)
+    if sums.filtered:
+        columns["interventions"] = state.interventions[rows].mean(axis=1)
+    columns |= sums.terms(rows)
+    if sums.returns.shape[1] > 1:
+        for agent, figures in sums.agents(rows).items():
+            columns |= {f"agents/{agent}/{name}": value for name, value in _of_agent(figures).items()}
+    values = zip(*(column.astype(np.float64).tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in values]
+
+
+def _of_agent(figures: dict[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return the values of an agent by the names under which the training logs them."""
+    columns: dict[str, AnyArray] = {}
+    for name, value in figures.items():
+        if name == "status":
+            columns |= {"success": value == DoneStatus.WIN, "lost": value == DoneStatus.LOSE}
+        else:
+            columns[name.removeprefix(INFO).removeprefix(OWN)] = value
+    return columns
 
 
 class Sampler:
@@ -90,7 +112,7 @@ class Sampler:
         for index, slot in enumerate(slots):
             self._slots_by_policy.setdefault(slot.policy, []).append(index)
         self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
-        self._where = [environment.groups.index(group) for group in environment.acting]
+        self._where = environment.acting_indices
         ends = accumulate(group.size for group in environment.acting)
         self._members = [slice(end - group.size, end) for end, group in zip(ends, environment.acting, strict=True)]
         self._actions = [np.zeros((count, group.size, group.action_layout.size)) for group in environment.acting]
@@ -99,7 +121,6 @@ class Sampler:
             (group.size, group.observation_layout.size, group.action_layout.size, distribution.inputs)
             for group, distribution in zip(environment.acting, self._distributions, strict=True)
         ]
-        self._generator = np.random.default_rng(seed)
         self._sums = EpisodeAccumulator(environment)
         self._step: IntArray = np.zeros(count, dtype=np.int64)
         self._flying: BoolArray = np.ones((len(slots), count), dtype=np.bool_)
@@ -117,24 +138,22 @@ class Sampler:
         self._flying[:] = True
         self._since = [perf_counter()] * len(rows)
 
-    def roll(self, steps: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+    def roll(self, steps: int, explore: bool = True) -> Rollout:
         """Take a number of steps in every environment.
 
         Args:
             steps: Number of steps.
             explore: Whether to sample actions; otherwise they are the means.
-            random: Whether to sample actions uniformly within their bounds instead, without a policy.
-            lifetime: Number of steps that the whole training has sampled.
         """
         rollout: Rollout = self._rollout(steps)
         for time in range(steps):
-            self._advance(rollout, time, explore, random, lifetime)
+            self._advance(rollout, time, explore)
         self._observe(rollout, steps)
         rollout.close(steps)
         self._flying &= rollout.ended < 0
         return rollout
 
-    def roll_episodes(self, count: int, explore: bool = True, random: bool = False, lifetime: int = 0) -> Rollout:
+    def roll_episodes(self, count: int, explore: bool = True) -> Rollout:
         """Sample whole episodes: the first ones of as many environments as possible.
 
         The number of episodes of each environment is fixed in advance, because taking the episodes that end first would
@@ -143,8 +162,6 @@ class Sampler:
         Args:
             count: Number of episodes.
             explore: See `roll`.
-            random: See `roll`.
-            lifetime: See `roll`.
         """
         self.reset()
         envs = self.environment.num_envs
@@ -152,7 +169,7 @@ class Sampler:
         rollout: Rollout = self._rollout(512, wanted)
         time = 0
         while rollout.missing:
-            self._advance(rollout, time, explore, random, lifetime)
+            self._advance(rollout, time, explore)
             time += 1
         return rollout
 
@@ -176,13 +193,9 @@ class Sampler:
     def _rollout(self, steps: int, wanted: IntArray | None = None) -> Any:
         return Rollout(self._sizes, steps, self._step.copy(), self._flying.copy(), wanted)
 
-    def _advance(self, rollout: Any, time: int, explore: bool, random: bool, lifetime: int) -> None:
+    def _advance(self, rollout: Any, time: int, explore: bool) -> None:
         rollout.reserve(time + 1)
-        chosen = self._observe(rollout, time)
-        if random:
-            self._act_at_random(rollout, time, chosen)
-        else:
-            self._act(rollout, time, chosen, explore, lifetime + time * self.environment.num_envs)
+        self._act(rollout, time, self._observe(rollout, time), explore)
         transition = self.environment.step(self._actions)
         self._step += 1
         self._sums.add(transition)
@@ -209,7 +222,7 @@ class Sampler:
         """Return a policy's net for a number of rows."""
         return self._nets[policy]
 
-    def _act(self, rollout: Any, time: int, chosen: Sequence[Rows], explore: bool, lifetime: int) -> None:
+    def _act(self, rollout: Any, time: int, chosen: Sequence[Rows], explore: bool) -> None:
         episodes = self.environment.simulation.episodes
         for policy, indices in self._slots_by_policy.items():
             counts = [len(self._slots[chosen[index]]) for index in indices]
@@ -220,7 +233,7 @@ class Sampler:
             for index, place in zip(indices, places, strict=True):
                 slot = self.agent_slots[index]
                 net.observations[place] = self._observations[slot.group][chosen[index], slot.member]
-            inputs = net(explore, lifetime)
+            inputs = net(explore)
             for index, place in zip(indices, places, strict=True):
                 slot, rows = self.agent_slots[index], chosen[index]
                 track, mine = rollout.tracks[slot.group], inputs[place]
@@ -237,15 +250,6 @@ class Sampler:
     def _time_of(self, track: Any, member: int, rows: Rows, time: int) -> Any:
         """Return the index in a track of the actions that an agent takes now."""
         return time
-
-    def _act_at_random(self, rollout: Any, time: int, chosen: Sequence[Rows]) -> None:
-        rollout.random = True
-        for group, actions in zip(self.environment.acting, self._actions, strict=True):
-            actions[...] = group.action_layout.draw(self._generator, actions.shape[:-1])
-        for slot, rows in zip(self.agent_slots, chosen, strict=True):
-            track = rollout.tracks[slot.group]
-            time_of = self._time_of(track, slot.member, rows, time)
-            track.actions[slot.member, rows, time_of] = self._actions[slot.group][rows, slot.member]
 
     def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
         """Close the pieces of ended episodes, report them and start new episodes; return the rows that are kept."""
@@ -269,9 +273,115 @@ class Sampler:
         return kept
 
 
-def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Return the names of the agents of each policy."""
-    found: dict[str, tuple[str, ...]] = {}
-    for slot in slots:
-        found[slot.policy] = (*found.get(slot.policy, ()), slot.agent)
-    return found
+class DecisionSampler(Sampler):
+    """Sampler that steps all environments at every control step and stores decisions: a semi-Markov process.
+
+    The reward of a decision of k control steps is sum gamma^i r_i over them. The agents decide at different times. A
+    decision that has not elapsed when a call ends is stored by the next call, once it has elapsed.
+
+    Args:
+        environment: See `Sampler`.
+        slots: See `Sampler`.
+        nets: See `Sampler`.
+        gamma: Discount of a control step.
+        seed: See `Sampler`.
+        first_slot: See `Sampler`.
+    """
+
+    def __init__(
+        self,
+        environment: TeamEnvironment,
+        slots: tuple[AgentSlot, ...],
+        nets: Callable[[str, int], PolicyNet],
+        *,
+        gamma: float,
+        seed: int,
+        first_slot: int,
+    ) -> None:
+        super().__init__(environment, slots, nets, seed=seed, first_slot=first_slot)
+        environment.observes_coasting = False
+        self._gamma = gamma
+        self._make_net = nets
+        self._sized: dict[tuple[str, int], PolicyNet] = {}
+        shape = (len(slots), environment.num_envs)
+        self._rewards, self._discounts = np.zeros(shape), np.ones(shape)
+        self._elapsed: IntArray = np.zeros(shape, dtype=np.int64)
+        self._decisions: IntArray = np.zeros(shape, dtype=np.int64)
+        self._pending: list[dict[str, AnyArray]] = []
+
+    def reset(self) -> None:
+        """Start a new episode in every environment."""
+        super().reset()
+        self._pending = []
+        self._decisions[:] = 0
+
+    def roll(self, steps: int, explore: bool = True) -> Any:
+        """Take a number of control steps in every environment; see `Sampler.roll`."""
+        rollout: Any = super().roll(steps, explore)
+        self._pending = [track.pending() for track in rollout.tracks]
+        return rollout
+
+    def _rollout(self, steps: int, wanted: IntArray | None = None) -> DecisionRollout:
+        rollout = DecisionRollout(self._sizes, _ROOM, self._step.copy(), self._flying.copy(), wanted)
+        for track, pending in zip(rollout.tracks, self._pending, strict=False):
+            track.resume(pending)
+        return rollout
+
+    def _advance(self, rollout: DecisionRollout, time: int, explore: bool) -> None:
+        starting = self._starting()
+        self._decisions += starting
+        self._rewards[starting], self._discounts[starting], self._elapsed[starting] = 0.0, 1.0, 0
+        super()._advance(rollout, time, explore)
+
+    def _starting(self) -> BoolArray:
+        """Return a mask of the agents that decide now, shape (K, N)."""
+        return np.concatenate([due.T for due in self.environment.due()]) & self._flying
+
+    def _observe(self, rollout: DecisionRollout, time: int) -> Sequence[Rows]:
+        starting = self._starting()
+        for track, observation, agents in zip(rollout.tracks, self._observations, self._members, strict=True):
+            _write(track.observations, starting[agents], track.counts, observation.transpose(1, 0, 2))
+        return [np.flatnonzero(own) for own in starting]
+
+    def _store(self, rollout: DecisionRollout, group: int, time: int, found: Transition) -> None:
+        """Store the decisions of a group that end with this step."""
+        track, agents = rollout.tracks[group], self._members[group]
+        self._rewards[agents] += self._discounts[agents] * found.reward.T
+        self._discounts[agents] *= self._gamma
+        self._elapsed[agents] += 1
+        ended = (found.terminated | found.truncated).T
+        closes = self._flying[agents] & (self.environment.due()[group].T | ended)
+        _write(track.rewards, closes, track.counts, self._rewards[agents])
+        _write(track.steps, closes, track.counts, self._elapsed[agents])
+        track.counts += closes
+        _write(track.observations, ended, track.counts, found.observation.transpose(1, 0, 2))
+        self._flying[agents] &= ~ended
+
+    def _net_for(self, policy: str, rows: int) -> PolicyNet:
+        """Return a policy's net for at least `rows` rows; its size is the next power of two."""
+        size = LEAST_ROWS
+        while size < rows:
+            size *= 2
+        if (policy, size) not in self._sized:
+            self._sized[policy, size] = self._make_net(policy, size)
+        return self._sized[policy, size]
+
+    def _time_of(self, track: Any, member: int, rows: Rows, time: int) -> IntArray:
+        counts: IntArray = track.counts[member, rows]
+        return counts
+
+    def _begin_again(self, rollout: Any, time: int, transition: TeamTransition) -> list[int]:
+        rows = np.flatnonzero(transition.over)
+        decisions = self._decisions[:, rows].mean(axis=0)
+        before = len(self.reports)
+        kept = super()._begin_again(rollout, time, transition)
+        for report, mean in zip(self.reports[before:], decisions[np.isin(rows, kept)].tolist(), strict=True):
+            report["decisions"] = mean
+        self._decisions[:, rows] = 0
+        return kept
+
+
+def _write(target: AnyArray, mask: BoolArray, index: IntArray, values: AnyArray) -> None:
+    """Write target[g, n, index[g, n]] = values[g, n] where a mask of shape (G, N) is true."""
+    agents, rows = np.nonzero(mask)
+    target[agents, rows, index[agents, rows]] = values[agents, rows]

@@ -69,6 +69,18 @@ def named(path: str, where: str) -> Callable[..., Any]:
     return cast(Callable[..., Any], maker)
 
 
+def class_of(kind: type, what: str, path: str, where: str) -> type[Any]:
+    """Return the subclass of a class that a dotted path names, see `built_as`.
+
+    Raises:
+        ConfigError: There is no such class, or it is not a subclass.
+    """
+    found = named(path, where)
+    if not isinstance(found, type) or not issubclass(found, kind):
+        raise mistake(f"{path!r} is not {what}", where)
+    return found
+
+
 def mistake(message: str, where: str) -> ConfigError:
     """Return the error for an object that is named at a key."""
     return ConfigError(Problem(message, where))

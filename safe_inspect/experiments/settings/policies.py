@@ -1,20 +1,51 @@
-"""Settings of several policies that learn or act together, checked before Ray is loaded."""
+"""The environments and the policies of a training, as plain data that is checked before Ray is loaded."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from safe_inspect.config.spec import PolicySpec
+from safe_inspect.config.experiment import Experiment, build_experiment
+from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.environments.group import AgentGroup
-from safe_inspect.environments.layout import Layout
+from safe_inspect.environments.layout import Layout, action_layout
 from safe_inspect.errors import Problem
+from safe_inspect.evaluation.policy_file import PolicyInfo, commanded_elements, observed_elements
 from safe_inspect.experiments.settings.translation import translate_policy
+
+#: The value of `maker` that selects this package's own environments.
+DEFAULT_MAKER = ""
 
 #: RLlib's name of the policy of a single agent.
 SINGLE = "default_policy"
+
+
+def environment_settings(experiment: Mapping[str, Any], rllib: Mapping[str, Any], **more: Any) -> dict[str, Any]:
+    """Return the environment configuration for RLlib.
+
+    The resolved experiment is stored as JSON text, because Tune would resolve any `grid_search` inside a mapping again.
+
+    Args:
+        experiment: The resolved experiment.
+        rllib: Settings of the algorithm, from which the seed and the number of Torch threads are taken.
+        **more: Further values of the run.
+    """
+    return {
+        "experiment": json.dumps(experiment),
+        "seed": int(rllib.get("seed") or 0),
+        "torch_num_threads": rllib["torch_num_threads"],
+        **more,
+    }
+
+
+def experiment_in(config: Mapping[str, Any]) -> Any:
+    """Return the resolved experiment from RLlib's environment configuration, which contains it as JSON text."""
+    experiment = config["experiment"]
+    return json.loads(experiment) if isinstance(experiment, str) else experiment
 
 
 def read_policies(
@@ -77,3 +108,56 @@ def _difference(first: Layout, second: Layout) -> str:
         if mine != its:
             return f", such as {mine} and {its}"
     return "" if first.size != second.size else " with other bounds"
+
+
+def policy_info(
+    experiment: Experiment, policy: str, agents: Sequence[AgentSpec], *, exportable: bool = False
+) -> PolicyInfo:
+    """Return the description of a policy, without the configuration and without data about its training.
+
+    Args:
+        experiment: The experiment.
+        policy: Name of the policy.
+        agents: The agents that it controls.
+        exportable: See `observed_elements`.
+
+    Raises:
+        ConfigError: `exportable` is true and the elements cannot be exported.
+    """
+    layout = action_layout(agents[0])
+    return PolicyInfo(
+        policy=policy,
+        agents=tuple(agent.name for agent in agents),
+        task=str(experiment.config.config.config.env_config.TrialName),
+        observation=_merged([observed_elements(agent, exportable=exportable) for agent in agents]),
+        action=_merged([commanded_elements(agent, exportable=exportable) for agent in agents]),
+        distribution="categorical" if layout.choices else "gaussian" if layout.coast is None else "hurdle",
+        step_size=experiment.spec.step_size,
+        configuration={},
+    )
+
+
+def policy_texts(environments: Mapping[str, Any], policies: Mapping[str, PolicySpec]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata of each policy's `PolicyInfo`, by the policy's name.
+
+    Args:
+        environments: RLlib's environment configuration, see `environment_settings`.
+        policies: The policies by name if there are several agents; empty for a single agent.
+
+    Returns:
+        The metadata; empty if the environments are not this package's own.
+    """
+    if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
+        return {}
+    experiment = build_experiment(experiment_in(environments))
+    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
+    return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}
+
+
+def _merged(layouts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Return the elements of the first agent, each with the plugins of all agents."""
+    return tuple(
+        replace(first, plugins=tuple(sorted({text for element in (first, *others) for text in element.plugins})))
+        for first, *others in zip(*layouts, strict=True)
+    )

@@ -16,9 +16,15 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import Problem
-from safe_inspect.experiments.settings.key_tables import TranslatedSettings
+from safe_inspect.experiments.settings.key_tables import (
+    CHOICE,
+    GRID,
+    LOGUNIFORM,
+    RANDINT,
+    TranslatedSettings,
+    is_searched,
+)
 from safe_inspect.experiments.settings.translation import current_name, translate_rllib
-from safe_inspect.experiments.settings.values import CHOICE, GRID, LOGUNIFORM, RANDINT, is_searched
 
 #: Part of the seed of the random values, which separates them from other random numbers of the same seed.
 _DRAWS = 0x5EA7C

@@ -6,23 +6,31 @@ Nothing here imports Ray, so that `safe-inspect validate` takes a fraction of a 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
-from safe_inspect.config.keys.other_words import key_hint
-from safe_inspect.config.keys.rllib_keys import Key
-from safe_inspect.config.keys.rllib_release import keys_of_release
+from safe_inspect.config.keys.old_keys import key_hint
+from safe_inspect.config.keys.rllib_keys import Key, keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.capabilities import choose_fast_paths
-from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, translate_keys
-from safe_inspect.experiments.settings.values import EVAL, check_value, is_searched, named_values, resolved_by_tune
+from safe_inspect.experiments.settings.key_tables import (
+    EVAL,
+    KeyTables,
+    TranslatedSettings,
+    check_value,
+    is_searched,
+    named_values,
+    resolved_by_tune,
+    translate_keys,
+)
 
 _MODEL = KeyTables(
     keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
 )
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+#: The default metric by which trials are ranked.
+METRIC = "env_runners/episode_return_mean"
 _LIMIT = Key("number", low=1, high=math.inf)
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
@@ -41,7 +49,7 @@ def translate_rllib(mapping: Mapping[str, Any], algorithm: str | None = None) ->
     settings["model_config"] = {**keys.MODEL_DEFAULTS, **found.settings.get("model_config", {})}
     if not found.problems:
         found.problems += _fit_batch(settings, found.given)
-    notes, wrong = choose_fast_paths(settings)
+    notes, wrong = _choose_fast_paths(settings)
     found.notes += notes
     found.problems += wrong
     found.settings = settings
@@ -72,8 +80,8 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
         if score.startswith("min-"):
             score, settings["checkpoint_score_order"] = score[4:], "min"
         settings["checkpoint_score_attribute"] = run_keys.STOP_RENAMED.get(score, score)
-    if settings.get("metric"):
-        settings["metric"] = run_keys.STOP_RENAMED.get(settings["metric"], settings["metric"])
+    metric = settings.get("metric") or METRIC
+    settings["metric"], settings["mode"] = run_keys.STOP_RENAMED.get(metric, metric), settings.get("mode") or "max"
     for key in ("checkpoint_score_attribute", "metric"):
         figure = settings.get(key)
         if (
@@ -140,15 +148,12 @@ def _algorithm(mapping: Mapping[str, Any], from_tune: str | None) -> tuple[str, 
 def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool = False) -> TranslatedSettings:
     """Translate RLlib's keys, including those nested in `model_config` and `evaluation_config`."""
     own = keys.ALGORITHM_KEYS.get(algorithm)
-    of_model = dict.fromkeys((*keys.MODEL_KEYS, *keys.FRESH_KEYS), "it is a key of `model_config`")
     tables = KeyTables(
         {**keys.COMMON_KEYS, **({} if nested else keys.OWN_KEYS), **(own or {})},
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
-        {**old_keys.RESERVED, **of_model},
-        old_keys.RESERVED_PREFIXES,
-        old_keys.RESERVED_PARTS,
+        _refusal,
         old_keys.SPELLINGS,
         open=algorithm not in keys.CLOSED_ALGORITHMS,
         names=keys_of_release(algorithm),
@@ -185,6 +190,15 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
     return found
 
 
+def _refusal(name: str) -> str:
+    """Return why a key of RLlib cannot be set; empty if it is not reserved."""
+    if name in keys.MODEL_KEYS or name in keys.FRESH_KEYS:
+        return "it is a key of `model_config`"
+    prefixes = (reason for prefix, reason in old_keys.RESERVED_PREFIXES.items() if name.startswith(prefix))
+    parts = (reason for part, reason in old_keys.RESERVED_PARTS.items() if part in name)
+    return old_keys.RESERVED.get(name) or next(prefixes, "") or next(parts, "")
+
+
 def _instead(algorithm: str) -> str:
     """Return a hint how to use another algorithm's policy file; empty if there is none."""
     file = f"configs/learners/{algorithm.lower()}.yml"
@@ -205,6 +219,71 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
             message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
+
+
+def _above(limit: float) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int | float) and value > limit
+
+
+#: For each key: a predicate for the values that need RLlib's stock runner or learner, the reason for the runner, and
+#: the reason for the learner. An empty reason means that the value does not affect that part.
+_STOCK_KEYS: dict[str, tuple[Callable[[Any], bool], str, str]] = {
+    "rl_module": (
+        bool,
+        "the batched runner supports only the package's own policies",
+        "the fast learner supports only the package's own policies",
+    ),
+    "env_to_module_connector": (bool, "there is a connector between environment and policy", ""),
+    "module_to_env_connector": (bool, "there is a connector between policy and environment", ""),
+    "restart_failed_sub_environments": (bool, "the batched runner does not restart environments that fail", ""),
+    "num_learners": (_above(1), "", "several learners share a batch"),
+    "torch_compile_learner": (bool, "", "the fast learner is not compiled"),
+    "torch_skip_nan_gradients": (lambda value: value is False, "", "each gradient must be checked"),
+    "learner_connector": (bool, "", "there is a connector between episodes and learner"),
+    "use_critic": (lambda value: value is False, "", "there is no value function"),
+    "num_aggregator_actors_per_learner": (_above(0), "", "other processes make the batches"),
+}
+
+
+def _choose_fast_paths(settings: dict[str, Any]) -> tuple[list[str], list[Problem]]:
+    """Set `env_runner` and `learner` to ``stock`` where this package's own ones do not support the training.
+
+    Args:
+        settings: The settings of the algorithm, which are changed in place.
+
+    Returns:
+        Notes for the user, and problems.
+    """
+    problems = [
+        Problem(f"`{key}` sets how to {what} and cannot be searched; give one value", f"rllib_configs.{key}")
+        for key, what in (("env_runner", "sample"), ("learner", "compute"), ("learner_threads", "compute"))
+        if is_searched(settings[key])
+    ]
+    if problems:
+        return [], problems
+    notes, algorithm = [], settings["algorithm"]
+    sampling = learning = "the policy is recurrent (`use_lstm`)" if settings["model_config"].get("use_lstm") else ""
+    if algorithm not in keys.BATCHED_ALGORITHMS:
+        sampling = f"the batched runner supports {', '.join(keys.BATCHED_ALGORITHMS)}, not {algorithm}"
+    for key, (needed, runner, learner) in _STOCK_KEYS.items():
+        if any(value is not None and needed(value) for value in named_values(settings.get(key))):
+            sampling = sampling or (runner and f"{runner} (`{key}`)")
+            learning = learning or (learner and f"{learner} (`{key}`)")
+    if sampling and settings["env_runner"] == "batched":
+        settings["env_runner"] = "stock"
+        notes.append(f"RLlib's stock runner samples: {sampling}")
+    whole = settings.get("batch_mode") == "complete_episodes" and settings["num_envs_per_env_runner"] != 1
+    if whole and settings["env_runner"] == "stock":
+        notes.append(
+            "`batch_mode: complete_episodes` discards unfinished episodes and so favours short ones; "
+            "`truncate_episodes` uses them"
+        )
+    if algorithm != "PPO":
+        settings["learner"] = "stock"  # the other algorithms have only RLlib's learner
+    elif learning and settings["learner"] == "fast":
+        settings["learner"] = "stock"
+        notes.append(f"RLlib's stock learner learns: {learning}")
+    return notes, []
 
 
 def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Problem]) -> dict[str, float]:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import ends
-from safe_inspect.figures.drawing import style
+from safe_inspect.figures.drawing import Figure, new_figure
 from safe_inspect.geometry.picture import BLACK, BLUE, GREY, VERMILION
 from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 from safe_inspect.types import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Label, figure and factor of the panels, in rows of three.
 _PANELS = (
@@ -44,10 +41,7 @@ def campaign_figure(evaluation: Evaluation) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(10.0, 5.4), facecolor="white")
+    with new_figure(10.0, 5.4) as figure:
         panels = figure.subplots(2, 3, sharey=True)
         figure.subplots_adjust(left=0.065, right=0.985, top=0.84, bottom=0.1, hspace=0.38, wspace=0.1)
         won = evaluation.team.status == "win"

@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import SEQUENTIAL, style
-from safe_inspect.figures.rendezvous.polhode import POLHODE_VIEW, draw_polhode
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.figures.drawing import SEQUENTIAL, Figure, new_figure
+from safe_inspect.figures.rendezvous.mission_scene import POLHODE_VIEW, draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
-from safe_inspect.rendezvous.recording.format import TRUTH_PARTS
-from safe_inspect.rendezvous.recording.reader import SensorLog
+from safe_inspect.rendezvous.recording.reader import TRUTH_PARTS, SensorLog
+from safe_inspect.rendezvous.target.surface import Surface
 from safe_inspect.types import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 _AXIS_COLOURS = (BLUE, GREEN, VERMILION)
-#: Corners of a box by the signs of x, y and z, and the pairs of corners that form its edges.
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 2.0]
 
 
 def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
     """Draw the result of the estimation on a sensor log.
 
-    On the left is a depth frame with the boxes of the registered model and the principal axes at the centre of mass,
+    On the left is a depth frame with the edges of the registered model and the principal axes at the centre of mass,
     with the true ones dashed if the log has them; below it, the polhode of the motion and the measured rates. On the
     right, over time, are the angular velocity in the principal axes, and the error and standard deviation of the
     attitude.
@@ -37,10 +30,7 @@ def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(10.5, 7.0), facecolor="white")
+    with new_figure(10.5, 7.0) as figure:
         _draw_frame(figure.add_axes((0.01, 0.52, 0.5, 0.42)), log, estimate)
         polhode: Any = figure.add_axes((0.03, 0.02, 0.46, 0.42))
         times = np.linspace(log.times[0], log.times[-1], 400)
@@ -78,9 +68,11 @@ def _draw_frame(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
     target = estimate.target_model
     if edge is not None and target is not None:
         T_CM = T_CB @ inverse(edge.pose)  # noqa: N806
-        for ends in _box_edges(target.boxes):
+        surface = Surface(target.shape)
+        for triangle, edge_index in np.argwhere(surface.sharp):
+            ends = surface.corners[triangle][[edge_index, (edge_index + 1) % 3]]
             axes.plot(*_project(log, move(T_CM, ends)).T, color=VERMILION, linewidth=0.8)
-        title += ", registered boxes"
+        title += ", registered shape"
     R_WT = to_matrix(estimate.attitudes(log.times[frame : frame + 1])[0])  # noqa: N806
     near = int(np.abs(estimate.history.times - log.times[frame]).argmin())
     R_BW = to_matrix(estimate.history.chaser[near]).T  # noqa: N806
@@ -112,11 +104,6 @@ def _project(log: SensorLog, points: FloatArray) -> FloatArray:
     fx, fy, cx, cy = log.description.camera.geometry.intrinsics
     depth = np.maximum(points[:, 2], 1e-3)
     return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
-
-
-def _box_edges(boxes: OrientedBoxes) -> list[FloatArray]:
-    corners = boxes.centre[:, None] + np.einsum("bij,kj,bj->bki", boxes.rotation, _CORNERS, boxes.half_size)
-    return [box[list(pair)] for box in corners for pair in _EDGES]
 
 
 def _draw_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:

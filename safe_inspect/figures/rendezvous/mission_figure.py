@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import style
+from safe_inspect.figures.drawing import Figure, new_figure
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
     FLIGHT,
@@ -16,18 +16,14 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PLANNED,
     TUBE,
     SceneArtists,
+    draw_polhode,
     show_extent,
 )
-from safe_inspect.figures.rendezvous.polhode import draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
 from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.types import AnyArray, FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 #: Duration that is shown before the approach [s].
@@ -147,10 +143,7 @@ def mission_figure(record: MissionRecord) -> Figure:
     Raises:
         SafeInspectError: Matplotlib is not installed.
     """
-    with style():
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(11.5, 7.4), facecolor="white")
+    with new_figure(11.5, 7.4) as figure:
         first = record.approach()
         _draw_scene(figure, record, first, in_target=False)
         _draw_scene(figure, record, first, in_target=True)
@@ -177,7 +170,7 @@ def _draw_scene(figure: Figure, record: MissionRecord, first: int, in_target: bo
     scene.show(pose, view, path[first:], plan, np.flatnonzero(np.isfinite(arrays["tube"])))
     start = view.flat(path[first])
     axes.plot(*start, "o", markersize=5, color="white", markeredgecolor=FLIGHT, markeredgewidth=1.2, zorder=5.0)
-    corners = record.target.boxes.corners.reshape(-1, 3) @ record.target.R_MT
+    corners = record.target.solid.vertices @ record.target.R_MT
     own = view.flat(np.concatenate((path if in_target else path[first:], corners @ rotation.T)))
     reach = 1.15 * record.config.chaser.radius
     low, high = own.min(axis=0) - reach, own.max(axis=0) + reach

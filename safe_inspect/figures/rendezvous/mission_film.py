@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
-from safe_inspect.figures.drawing import style
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_figure import LEAD
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
@@ -15,8 +14,6 @@ from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
-
-_DPI = 100
 
 
 class MissionFilm(Pictures):
@@ -36,15 +33,13 @@ class MissionFilm(Pictures):
     """
 
     def __init__(self, record: MissionRecord, frames: int = 200, width: int = 800, turn: float = 0.0) -> None:
-        super().__init__(frames, width)
         time = record.arrays["t"]
         self.record = record
         self._turn = turn
         self._end = float(time[-1])
         self._start = max(float(time[record.approach()]) - LEAD, float(time[0]))
         self._first = int(np.searchsorted(time, self._start))
-        with style():
-            self._build()
+        super().__init__(frames, width)
 
     def _moment(self, time: float) -> tuple[int, FloatArray, tuple[FloatArray, FloatArray]]:
         """Return the last recorded step that is not later, and states interpolated to the next step.
@@ -63,14 +58,7 @@ class MissionFilm(Pictures):
         position = (1.0 - u) * arrays["x"][row, :3] + u * arrays["x"][after, :3]
         return row, position, (turned("q"), turned("target_q"))
 
-    def _build(self) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        width, height = self._size
-        # The resolution grows with the width, so that fonts and lines keep their relative sizes.
-        figure = Figure(figsize=(8.0, 8.0 * height / width), dpi=_DPI * width / 800.0, facecolor="white")
-        self._canvas = FigureCanvasAgg(figure)
+    def _build(self, figure: Any) -> None:
         places = ((0.0, 0.13, 0.6, 0.8), (0.6, 0.48, 0.4, 0.42))
         self._scenes = [self._scene(figure, place, bool(index)) for index, place in enumerate(places)]
         figure.text(0.8, 0.905, "in the target's principal axes", fontsize=8, color=GREY, ha="center")

@@ -91,16 +91,7 @@ def mission_data(record: MissionRecord) -> dict[str, Any]:
 
 
 def _solid(solid: Solid) -> dict[str, Any]:
-    boxes = zip(solid.boxes.centre, solid.boxes.half_size, solid.boxes.rotation, strict=True)
-    return {
-        "boxes": [
-            {"centre": rounded(centre, 5), "half": rounded(half, 5), "axes": rounded(rotation.T, 6)}
-            for centre, half, rotation in boxes
-        ],
-        "patches": rounded(solid.patches, 4),
-        "normals": rounded(solid.normals, 4),
-        "edges": rounded(solid.edges, 4),
-    }
+    return {name: rounded(getattr(solid, name), 4) for name in solid._fields}
 
 
 def _charts(record: MissionRecord, rows: AnyArray) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The scene of a rendezvous: target, chaser, camera, paths and tube in parallel projection."""
+"""The scene of a rendezvous in parallel projection, and the polhode: the path of the target's angular velocity."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
 from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
+from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
+from safe_inspect.rendezvous.target.surface import Surface
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
-#: Largest number of patches along an edge of a face.
+#: Largest number of patches along an edge of a triangle.
 _MOST_PATCHES = 24
 #: Brightness of a face that is turned away from the light, as a share of the largest.
 _SHADE = 0.58
@@ -32,50 +33,56 @@ _CONE = 2.0
 
 
 class Solid(NamedTuple):
-    """Boxes, divided into patches for painting.
+    """A closed surface, divided into patches for painting.
 
     Attributes:
-        boxes: The boxes.
-        patches: Corners of the patches [m], shape (P, 4, 3).
+        triangles: Corners of the triangles [m], shape (F, 3, 3).
+        patches: Corners of the patches [m], shape (P, 3, 3).
         normals: Their outward normals, shape (P, 3).
-        edges: Pieces of the boxes' edges [m], shape (E, 2, 3).
+        edges: Pieces of the sharp edges [m], shape (E, 2, 3).
     """
 
-    boxes: OrientedBoxes
+    triangles: FloatArray
     patches: FloatArray
     normals: FloatArray
     edges: FloatArray
 
     @classmethod
-    def of(cls, boxes: OrientedBoxes, cell: float) -> Solid:
-        """Return boxes divided into patches of about a given size [m]."""
+    def of(cls, surface: Surface, rotation: FloatArray, cell: float) -> Solid:
+        """Return a surface divided into patches of about a given size [m], after a rotation, shape (3, 3)."""
         patches, normals, edges = [], [], []
-        for centre, half, rotation in zip(boxes.centre, boxes.half_size, boxes.rotation, strict=True):
-            counts = np.clip(np.ceil(2.0 * half / cell), 1, _MOST_PATCHES).astype(int)
-            for axis in range(3):
-                a, b = (axis + 1) % 3, (axis + 2) % 3
-                for side in (-1.0, 1.0):
-                    own = _face(half, axis, side, counts)
-                    patches.append(own @ rotation.T + centre)
-                    normals.append(np.broadcast_to(side * rotation[:, axis], (len(own), 3)))
-                for signs in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
-                    line = np.empty((counts[axis] + 1, 3))
-                    line[:, axis] = np.linspace(-half[axis], half[axis], counts[axis] + 1)
-                    line[:, a], line[:, b] = signs[0] * half[a], signs[1] * half[b]
-                    line = line @ rotation.T + centre
-                    edges.append(np.stack((line[:-1], line[1:]), axis=1))
-        return cls(boxes, np.concatenate(patches), np.concatenate(normals), np.concatenate(edges))
+        for corners, normal, sharp in zip(surface.corners, surface.normals, surface.sharp, strict=True):
+            sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+            count = int(np.clip(np.ceil(sides.max() / cell), 1, _MOST_PATCHES))
+            patches.append(_parts(corners, count))
+            normals.append(np.broadcast_to(normal, (count * count, 3)))
+            for edge in np.flatnonzero(sharp):
+                share = np.linspace(0.0, 1.0, int(np.clip(np.ceil(sides[edge] / cell), 1, _MOST_PATCHES)) + 1)[:, None]
+                line = (1.0 - share) * corners[edge] + share * corners[(edge + 1) % 3]
+                edges.append(np.stack((line[:-1], line[1:]), axis=1))
+        pieces = np.concatenate(edges) if edges else np.zeros((0, 2, 3))
+        pieces = pieces[np.lexsort(pieces.mean(axis=1).T)]
+        middles = pieces.mean(axis=1)
+        twins = np.linalg.norm(np.diff(middles, axis=0, prepend=np.inf), axis=1) < 1e-3 * cell  # of two triangles
+        parts = surface.corners, np.concatenate(patches), np.concatenate(normals), pieces[~twins]
+        return cls(*(part @ rotation.T for part in parts))
 
     def hides(self, points: FloatArray, sight: FloatArray) -> BoolArray:
-        """Return which points, shape (..., 3), the boxes hide from a distant viewer in the direction `sight`."""
-        boxes = self.boxes
-        direction = np.einsum("bji,j->bi", boxes.rotation, sight)
-        direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
-        origin = np.einsum("bji,...bj->...bi", boxes.rotation, points[..., None, :] - boxes.centre)
-        first, last = (-boxes.half_size - origin) / direction, (boxes.half_size - origin) / direction
-        near, far = np.minimum(first, last).max(axis=-1), np.maximum(first, last).min(axis=-1)
-        tiny = 1e-3 * boxes.half_size.max()
-        return np.asarray(((far > np.maximum(near, 0.0) + tiny) & (far > tiny)).any(axis=-1))
+        """Return which points, shape (..., 3), the surface hides from a distant viewer in the direction `sight`.
+
+        A line of sight that leaves the solid does so through a triangle that faces the viewer. With the sides e1 and e2
+        at its corner a, the coordinates (u, v) in the triangle and the distance t of the place in front of a point p
+        solve ``p + t d = a + u e1 + v e2`` (Moller and Trumbore, 1997).
+        """
+        corner, first, second = self.triangles[:, 0], *np.moveaxis(self.triangles[:, 1:] - self.triangles[:, :1], 1, 0)
+        normal = np.cross(first, second)
+        facing = normal @ sight > 1e-9 * np.linalg.norm(normal, axis=1)
+        corner, first, second, normal = corner[facing], first[facing], second[facing], normal[facing]
+        solved = np.stack((np.cross(second, sight), np.cross(sight, first), -normal), axis=1)
+        solved /= (normal @ sight)[:, None, None]
+        u, v, t = np.moveaxis(np.einsum("fij,...fj->...fi", solved, points[..., None, :] - corner), -1, 0)
+        tiny = 1e-3 * float(np.abs(self.triangles).max())
+        return np.asarray(((u > 0.0) & (v > 0.0) & (u + v < 1.0) & (t > tiny)).any(axis=-1))
 
     def seen_patches(self, view: Camera) -> tuple[FloatArray, FloatArray]:
         """Return the patches that face the viewer, the farthest first.
@@ -94,17 +101,14 @@ class Solid(NamedTuple):
         return view.flat(self.edges[~self.hides(self.edges.mean(axis=1), view.sight)])
 
 
-def _face(half: FloatArray, axis: int, side: float, counts: FloatArray) -> FloatArray:
-    """Return the patches of one face along the box's own axes [m], shape (n, 4, 3)."""
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    u = np.linspace(-half[a], half[a], counts[a] + 1)
-    v = np.linspace(-half[b], half[b], counts[b] + 1)
-    patches = np.empty((counts[a], counts[b], 4, 3))
-    patches[..., axis] = side * half[axis]
-    for corner, (i, j) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
-        patches[:, :, corner, a] = u[i : len(u) - 1 + i, None]
-        patches[:, :, corner, b] = v[None, j : len(v) - 1 + j]
-    return patches.reshape(-1, 4, 3)
+def _parts(corners: FloatArray, count: int) -> FloatArray:
+    """Return a triangle, shape (3, 3), divided along its sides into `count` parts, shape (count^2, 3, 3)."""
+    i, j = np.nonzero(np.add.outer(np.arange(count), np.arange(count)) < count)
+    upright = np.stack([(i, j), (i + 1, j), (i, j + 1)])  # corner, coordinate, part
+    i, j = np.nonzero(np.add.outer(np.arange(count - 1), np.arange(count - 1)) < count - 1)
+    turned = np.stack([(i + 1, j), (i + 1, j + 1), (i, j + 1)])
+    places = np.concatenate((upright, turned), axis=2).transpose(2, 0, 1) / count
+    return np.asarray(corners[0] + places @ (corners[1:] - corners[0]))
 
 
 def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
@@ -112,7 +116,7 @@ def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
 
     Args:
         path: Points [m], shape (K, 3).
-        solid: Boxes that may hide it.
+        solid: The solid that may hide it.
         rotation: Rotation from the solid's frame to the path's, shape (3, 3).
     """
 
@@ -125,18 +129,16 @@ def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
 
 
 def target_solid(record: MissionRecord) -> Solid:
-    """Return the target's boxes in T."""
-    boxes, rotation = record.target.boxes, record.target.R_MT
-    in_target = OrientedBoxes(
-        boxes.centre @ rotation, boxes.half_size, np.einsum("ij,bjk->bik", rotation.T, boxes.rotation)
-    )
-    return Solid.of(in_target, record.target.swept_radius / 16.0)
+    """Return the target's known shape in T."""
+    target = record.target
+    return Solid.of(Surface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
 
 
 def chaser_solid(radius: float) -> Solid:
     """Return the cube, in B, that is inscribed in the sphere of a given radius [m], which encloses the chaser."""
     half = radius / np.sqrt(3.0)
-    return Solid.of(OrientedBoxes(np.zeros((1, 3)), np.full((1, 3), half), np.eye(3)[None]), half)
+    cube = mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
+    return Solid.of(Surface(cube), np.eye(3), half)
 
 
 def camera_cone(record: MissionRecord) -> FloatArray:
@@ -325,3 +327,76 @@ def _joined(shown: BoolArray) -> BoolArray:
     joined = shown.copy()
     joined[:-1] |= shown[1:]
     return joined
+
+
+_CURVE_INK = "#C4C4C4"
+_POLHODES = 5  # on each side of the separatrix, for comparison
+POLHODE_VIEW = Camera.at(24.0, -58.0)
+
+
+def draw_polhode(axes: Any, rate: FloatArray, moments: FloatArray) -> None:
+    """Draw the path of the angular velocity in T, on the ellipsoid of equal energy.
+
+    Args:
+        axes: The axes in which it is drawn.
+        rate: Angular velocities in T [degrees/s], shape (n, 3).
+        moments: Principal moments, up to a common factor, shape (3,).
+    """
+    view = POLHODE_VIEW
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    energy = float(moments @ np.square(rate[0]))  # twice the rotational energy
+    if energy > 0.0:
+        # The outline of the ellipsoid, and some of its other polhodes.
+        scale = np.sqrt(energy / moments)
+        normal = view.sight / scale
+        angle = np.linspace(0.0, 2.0 * np.pi, 181)
+        a = np.cross(normal, [0.0, 0.0, 1.0])
+        a /= np.linalg.norm(a)
+        b = np.cross(normal, a) / np.linalg.norm(normal)
+        # Points of the outline have an outward normal that is perpendicular to the line of sight.
+        outline = (np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b) * scale
+        axes.fill(*view.flat(outline).T, facecolor="#F6F6F6", edgecolor=GREY, linewidth=0.6, zorder=1)
+        for curve in _polhodes(moments, energy):
+            _draw_front(axes, curve, view, moments, color=_CURVE_INK, linewidth=0.7, zorder=2)
+        for k, name in enumerate("123"):
+            tip = np.zeros(3)
+            tip[k] = 1.12 * scale[k]
+            axes.plot(*view.flat(np.stack((np.zeros(3), tip))).T, color=GREY, linewidth=0.6, linestyle=":", zorder=3)
+            axes.text(*view.flat(1.1 * tip), name, color=GREY, fontsize=8, ha="center", va="center")
+    _draw_front(axes, rate, view, moments, color=FLIGHT, linewidth=1.8, zorder=4)
+    axes.plot(*view.flat(rate[:1]).T, "o", markersize=5, color="white", markeredgecolor=FLIGHT, zorder=5)
+    axes.plot(*view.flat(rate[-1:]).T, "s", markersize=5, color=FLIGHT, markeredgecolor=FLIGHT, zorder=5)
+    axes.margins(0.06)
+    axes.set_title("polhode: angular velocity in T", pad=2.0)
+
+
+def _polhodes(moments: FloatArray, energy: float) -> list[FloatArray]:
+    """Return curves of equal angular momentum on the ellipsoid ``sum J w^2 = energy``, shape (n, 3) each.
+
+    About axis c of the least or the largest moment, with the other two a and b,
+    ``J_a (J_a - J_c) w_a^2 + J_b (J_b - J_c) w_b^2`` is constant: an ellipse in the plane of a and b.
+    """
+    angle, curves = np.linspace(0.0, 2.0 * np.pi, 121), []
+    for c, a, b in ((0, 1, 2), (2, 0, 1)):
+        weights = moments * np.abs(moments - moments[c])
+        if min(weights[a], weights[b]) <= 0.0:
+            continue
+        most = min(weights[k] / moments[k] for k in (a, b)) * energy  # at the separatrix
+        for share in (np.arange(1, _POLHODES + 1) / _POLHODES) ** 2:
+            curve = np.zeros((len(angle), 3))
+            curve[:, a] = np.sqrt(share * most / weights[a]) * np.cos(angle)
+            curve[:, b] = np.sqrt(share * most / weights[b]) * np.sin(angle)
+            rest = energy - np.square(curve) @ moments
+            curve[:, c] = np.sqrt(np.maximum(rest, 0.0) / moments[c])
+            curves += [curve, curve * np.where(np.arange(3) == c, -1.0, 1.0)]
+    return curves
+
+
+def _draw_front(axes: Any, curve: FloatArray, view: Camera, moments: FloatArray, **look: Any) -> None:
+    """Draw a curve on the ellipsoid; the part on its far side is thin and dotted."""
+    front = (curve * moments) @ view.sight >= 0.0
+    flat = view.flat(curve)
+    axes.plot(*np.where(front[:, None], flat, np.nan).T, **look)
+    faint = {**look, "linewidth": 0.5 * look["linewidth"], "alpha": 0.6, "linestyle": (0, (1, 1.5))}
+    axes.plot(*np.where(~front[:, None], flat, np.nan).T, **faint)

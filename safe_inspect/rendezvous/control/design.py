@@ -1,24 +1,103 @@
-"""Design of the tube that tracks a plan, or of a refusal that names remedies."""
+"""Feedback gains, and the design of the tube that tracks a plan, or of a refusal that names remedies."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rendezvous.control.bound import Bound
-from safe_inspect.rendezvous.control.gains import (
-    FREQUENCIES,
-    best_tube,
-    candidate_gains,
-    clearance_margin,
-    stiffening_gains,
+from safe_inspect.rendezvous.control.tube import (
+    Axis,
+    AxisBound,
+    TrackedReference,
+    TrackingLimits,
+    Tube,
+    no_tube,
+    remaining,
+    truth_tube,
 )
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits, remaining
-from safe_inspect.rendezvous.control.tube import Axis, AxisBound, Tube, no_tube, truth_tube
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import FloatArray
+
+# Clearance beyond the tube, as a fraction of the scenario's length: half for the certificate between samples, half for
+# an error that has left the tube.
+RESERVE_CLEARANCE = 0.02
+#: Natural frequencies that are tried by default [rad/s].
+FREQUENCIES = tuple(np.geomspace(0.15, 1.0, 20).tolist())
+#: Damping ratios that are tried with each of them.
+_DAMPINGS = (0.7, 0.8, 0.9)
+
+
+def tracking_weights(force: float = 0.30) -> tuple[float, float, float]:
+    """Return the weights of position [1/m^2], velocity [s^2/m^2] and force [1/N^2] in a quadratic cost.
+
+    By Bryson's rule they are one over the squares of acceptable values: 5 cm, 3 cm/s and a third of the largest force.
+
+    Args:
+        force: Largest force of the actuators [N].
+    """
+    return 1.0 / 0.05**2, 1.0 / 0.03**2, 1.0 / (0.1 * (force / 0.30)) ** 2
+
+
+def natural_gain(axis: Axis, frequency: FloatArray | float, damping: float) -> FloatArray:
+    """Return ``K = -m [w^2, 2 zeta w]`` (N/m, N s/m), shape (..., 2).
+
+    Args:
+        axis: The axis.
+        frequency: Natural frequency w [rad/s], shape (...).
+        damping: Damping ratio zeta.
+    """
+    w = np.asarray(frequency, dtype=float)
+    return -axis.mass * np.stack((w * w, 2.0 * damping * w), axis=-1)
+
+
+def lqr_gain(axis: Axis, force: float = 0.30) -> FloatArray:
+    """Return the gain ``u = K x`` of the discrete linear-quadratic regulator, shape (2,), for a largest force [N]."""
+    *state, weight = tracking_weights(force)
+    return np.asarray(-regulator(axis.A, axis.B[:, None], np.diag(state), np.array([[weight]]))[0])
+
+
+def clearance_margin(tube: Tube, length: float = 1.0) -> FloatArray:
+    """Return the clearance ``m = |(h_x, h_y, h_z)| + 2 cm`` that a plan needs beyond the chaser's radius.
+
+    A distance changes at most by as much as the position, and the half width h is the same on all three axes, which
+    gives sqrt(3) h.
+
+    Args:
+        tube: The tube.
+        length: Length of the scenario [m]; the 2 cm are for 1 m.
+
+    Returns:
+        The clearance at each step [m], shape (K,).
+    """
+    return np.asarray(np.sqrt(3.0) * tube.clearance + RESERVE_CLEARANCE * length)
+
+
+def candidate_gains(axis: Axis, frequencies: Iterable[float] = FREQUENCIES) -> list[FloatArray]:
+    """Return the gains of natural frequencies [rad/s] and of three dampings, shape (2,) each."""
+    return [natural_gain(axis, frequency, damping) for frequency in frequencies for damping in _DAMPINGS]
+
+
+def stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
+    """Yield gains, shape (K, 2), that start near a constant one and whose natural frequency increases linearly.
+
+    The bound of the reference shrinks towards the end of an approach. The same force therefore allows more feedback,
+    and a narrower tube, when the chaser is closest to the target.
+
+    Args:
+        axis: The axis.
+        gain: A constant gain of `natural_gain`, shape (2,).
+        steps: Number of steps K.
+    """
+    frequency = float(np.sqrt(-gain[0] / axis.mass))
+    damping = float(-gain[1] / (2.0 * axis.mass * frequency))
+    for first in (0.92, 1.0, 1.08):
+        for last in (1.2, 1.4, 1.6, 1.8, 2.0, 2.3):
+            yield natural_gain(axis, frequency * np.linspace(first, last, steps), damping)
+
 
 #: Change of position [m] and velocity [m/s] per step due to other causes, such as the sampling of the reference.
 _PROCESS = np.array([5e-6, 5e-6])
@@ -126,20 +205,36 @@ def design_tube(
     reserve: float = 0.0,
     frequencies: tuple[float, ...] = FREQUENCIES,
 ) -> TubeDesign:
-    """Return the tube with the smallest clearance margin that leaves force for feedback at all times.
+    """Return the design with the narrowest tube whose feedback leaves the reserve of the available force at all times.
 
     The available force is ``F_max - |F_plan(t)| - b_F(t)`` of the worst axis: the feed-forward of the estimated
-    reference may differ from that of the plan by b_F.
+    reference may differ from that of the plan by b_F. The narrowest tube has the smallest sum of the largest and the
+    last width, because clearance is needed both along the approach and at its end. If no tube leaves the reserve, the
+    design has the tube that leaves the most; it is refused if that is negative.
 
     Args:
         request: The plan and the limits.
-        gains: Gains K to choose from, shape (2,) or (K, 2) each; None for a grid of natural frequencies and dampings.
+        gains: Gains K to choose from, shape (2,) or (K, 2) each; None for `candidate_gains` and the
+            `stiffening_gains` of the best of them.
         reserve: Force that should remain [N].
-        frequencies: Natural frequencies of that grid [rad/s].
+        frequencies: Natural frequencies of the candidates [rad/s].
     """
-    planned = np.abs(request.reference.feed_forward(request.axis)).max(axis=1)
+    axis, disturbance = request.axis, request.disturbance
+    planned = np.abs(request.reference.feed_forward(axis)).max(axis=1)
     available = request.limits.force - planned - request.bound.force
-    design = _design(request, *best_tube(request.axis, request.disturbance, available, gains, reserve, frequencies))
+
+    def tubes(tried: Iterable[FloatArray]) -> list[Tube]:
+        return [truth_tube(axis, gain, disturbance) for gain in tried]
+
+    def rank(tube: Tube) -> tuple[bool, float]:
+        least = float((available - tube.force).min())
+        enough = least >= reserve
+        return not enough, float(tube.clearance.max() + tube.clearance[-1]) if enough else -least
+
+    best = min(tubes(gains or candidate_gains(axis, frequencies)), key=rank)
+    if gains is None and not rank(best)[0]:
+        best = min([best, *tubes(stiffening_gains(axis, best.gain, len(available)))], key=rank)
+    design = _design(request, best, available - best.force)
     return replace(design, refusal=_refusal(request.plan, design))
 
 

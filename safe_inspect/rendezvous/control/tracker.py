@@ -9,10 +9,14 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_by_clearance, design_without_tube
-from safe_inspect.rendezvous.control.gains import TrackingWeights, lqr_gain
-from safe_inspect.rendezvous.control.tracked import TrackedReference
-from safe_inspect.rendezvous.control.tube import Axis, Tube, no_tube
+from safe_inspect.rendezvous.control.design import (
+    DesignRequest,
+    TubeDesign,
+    design_by_clearance,
+    design_without_tube,
+    lqr_gain,
+)
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, Tube, no_tube
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate
 
@@ -113,7 +117,7 @@ class LinearFeedback:
     @classmethod
     def of_lqr(cls, axis: Axis, force: float = 0.30) -> LinearFeedback:
         """Return the feedback of the linear-quadratic regulator, without a tube."""
-        return cls(axis, no_tube(1, lqr_gain(axis, TrackingWeights.of_force(force))), force)
+        return cls(axis, no_tube(1, lqr_gain(axis, force)), force)
 
     def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
         """Return the force at step k of the reference, for an estimate (position, velocity) in W, shape (6,)."""

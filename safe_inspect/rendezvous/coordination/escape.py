@@ -127,13 +127,11 @@ def remains_clear(escape: Escape, estimate: StateEstimate, target: Target, limit
     return bool(_lowest_distances(target, turning, position, velocity, duration, limits)[0] >= limits.radius)
 
 
-def _goals(directions: FloatArray, radius: float, keep_in: FloatArray | None, length: float) -> FloatArray:
+def _goals(directions: FloatArray, radius: float, keep_in: FloatArray, length: float) -> FloatArray:
     """Return the points at a radius along directions, moved into the keep-in box less an inset where possible."""
     goals = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    if keep_in is None:
-        return np.asarray(goals)
     longest = int(np.argmax(keep_in))
-    keep_in = np.maximum(np.asarray(keep_in) - _INSET * length, 0.5 * np.asarray(keep_in))
+    keep_in = np.maximum(keep_in - _INSET * length, 0.5 * keep_in)
     goals = np.clip(goals, -keep_in, keep_in)
     others = np.delete(np.arange(3), longest)
     along = np.sqrt(np.maximum(radius**2 - (goals[:, others] ** 2).sum(axis=1), 0.0))
@@ -177,11 +175,9 @@ def _within_limits(position: FloatArray, velocity: FloatArray, duration: float, 
     """Return a mask of the paths that satisfy the limit of force and the keep-in box, shape (G,)."""
     acceleration = np.diff(velocity, axis=1) / (duration / (_SAMPLES - 1))
     fits: BoolArray = limits.mass * np.abs(acceleration).max(axis=(1, 2)) <= _FORCE_SHARE * limits.force
-    if limits.keep_in is not None:
-        keep_in = np.asarray(limits.keep_in) + 1e-9
-        allowed = np.where(np.abs(position[:, :1]) > keep_in, np.inf, keep_in)  # From outside it must brake first.
-        fits &= (np.abs(position) <= allowed).all(axis=(1, 2))
-    return fits
+    keep_in = limits.keep_in + 1e-9
+    allowed = np.where(np.abs(position[:, :1]) > keep_in, np.inf, keep_in)  # From outside it must brake first.
+    return fits & (np.abs(position) <= allowed).all(axis=(1, 2))
 
 
 def _lowest_distances(
@@ -208,7 +204,7 @@ def _lowest_distances(
     q, w = turning
     step = duration / (_SAMPLES - 1)
     in_model = rotate(conjugate(q), position) @ target.R_MT.T
-    distance = target.boxes.distance(in_model.reshape(-1, 3)).reshape(position.shape[:2])
+    distance = target.solid.distance(in_model.reshape(-1, 3)).reshape(position.shape[:2])
     rate = np.linalg.norm(velocity, axis=2) + np.linalg.norm(w, axis=1) * np.linalg.norm(position, axis=2)
     lipschitz = np.maximum(rate[:, 1:], rate[:, :-1]) + np.sqrt(3.0) * limits.force / limits.mass * step
     return np.asarray(0.5 * (distance[:, 1:] + distance[:, :-1] - lipschitz * step).min(axis=1))
@@ -241,11 +237,7 @@ class CommandedMotion:
 
 
 def departure_velocity(
-    position: FloatArray,
-    speed: float,
-    duration: float,
-    keep_in: FloatArray | None = None,
-    orbit: tuple[float, float] = (0.0, 0.0),
+    position: FloatArray, speed: float, duration: float, keep_in: FloatArray, orbit: tuple[float, float] = (0.0, 0.0)
 ) -> FloatArray:
     """Return a velocity at which free flight leaves the target [m/s], shape (3,).
 
@@ -258,7 +250,7 @@ def departure_velocity(
         position: Position of the chaser relative to the target in W [m], shape (3,).
         speed: Speed of the departure [m/s].
         duration: Time for which the chaser should stay in the keep-in box [s].
-        keep_in: Half sizes of the box about the target [m], shape (3,); None for no box.
+        keep_in: Half sizes of the box about the target [m], shape (3,).
         orbit: Mean motion of the target's orbit [rad/s], 0 for free space, and the current time [s].
     """
     mean_motion, time = orbit
@@ -272,10 +264,8 @@ def departure_velocity(
     times = np.linspace(0.0, horizon, _FLIGHT_SAMPLES)
     paths = np.stack([hill @ transition(mean_motion, 1.0, at)[0].T for at in times])
     least = np.minimum(np.linalg.norm(paths[..., :3], axis=2).min(axis=0), (1.0 - _ROUNDING) * distance)
-    inside = np.full(len(directions), duration)
-    if keep_in is not None:
-        rest = np.maximum(np.asarray(keep_in) - np.sign(directions) * position, 0.0)
-        times = np.divide(rest, speed * np.abs(directions), out=np.full(rest.shape, np.inf), where=directions != 0.0)
-        inside = np.minimum(times.min(axis=1), duration)
+    rest = np.maximum(keep_in - np.sign(directions) * position, 0.0)
+    times = np.divide(rest, speed * np.abs(directions), out=np.full(rest.shape, np.inf), where=directions != 0.0)
+    inside = np.minimum(times.min(axis=1), duration)
     best = np.lexsort((directions @ away, np.round(inside, 6), least))[-1]
     return np.asarray(speed * directions[best])

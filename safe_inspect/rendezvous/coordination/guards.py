@@ -219,8 +219,7 @@ def _camera_is_silent(context: MissionContext) -> bool:
 
 def _is_kept_in(context: MissionContext) -> bool:
     """Return whether the chaser's estimated position is in the keep-in box."""
-    keep_in = context.limits.keep_in
-    return keep_in is None or bool((np.abs(context.estimate.relative[:3]) <= np.asarray(keep_in)).all())
+    return bool((np.abs(context.estimate.relative[:3]) <= context.limits.keep_in).all())
 
 
 def _distance(context: MissionContext) -> float:

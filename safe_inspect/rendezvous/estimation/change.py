@@ -11,8 +11,7 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration
 from safe_inspect.rendezvous.estimation.factors import BIAS_JUMP, BiasJump
-from safe_inspect.rendezvous.estimation.fit import Motion, logits_of
-from safe_inspect.rendezvous.estimation.states import GraphEstimate, History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import GraphEstimate, History, Motion, TargetEstimate, logits_of
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
 from safe_inspect.rendezvous.readings import Command

@@ -60,6 +60,9 @@ class EstimationPipeline:
         imu: Buffer of the inertial unit.
         start: State of the chaser at the first frame.
         frame: The first frame.
+
+    Attributes:
+        measured: The edges that the front end has measured in the newest frame.
     """
 
     def __init__(
@@ -88,12 +91,14 @@ class EstimationPipeline:
         self.target: TargetEstimate | None = None
         self.updated = 0.0
         self.changed = False
-        self._edges += self._step(frame, np.eye(3))
+        self.measured: list[Edge] = []
+        self._step(frame, np.eye(3))
+        self._edges += self.measured
 
-    def _step(self, frame: DepthFrame, rotation: FloatArray) -> list[Edge]:
-        """Return the edges of the next frame, given the chaser's rotation since the last one, shape (3, 3)."""
+    def _step(self, frame: DepthFrame, rotation: FloatArray) -> None:
+        """Measure the edges of the next frame, given the chaser's rotation since the last one, shape (3, 3)."""
         self._times[len(self._times)] = frame.time
-        return self._front_end.step(frame, self._predicted(frame.time), rotation)
+        self.measured = self._front_end.step(frame, self._predicted(frame.time), rotation)
 
     def move(self, samples: Sequence[InertialSample], expected: ExpectedMotion, duration: float) -> None:
         """Propagate a control step by the inertial unit, or by the expected motion if the unit gives no samples.
@@ -121,16 +126,16 @@ class EstimationPipeline:
     def see(self, frame: DepthFrame) -> None:
         """Add a frame at the time of the last sample."""
         number, back_end = len(self._times), self._back_end
-        edges = self._step(frame, back_end.imu.rotation)
+        self._step(frame, back_end.imu.rotation)
         expected, _, _ = back_end.now()
-        measured, edges = edges, self._trusted(expected, edges)
+        edges = self._trusted(expected, self.measured)
         self._edges += edges
         back_end.update(number, edges, jumped=self._jumps == _JUMP_FRAMES)
         self._has_coasted = False
         if self._bias_jumps is not None:
             self._bias_jumps.settle()
         self.graph = back_end.estimate()
-        self._mismatches.append(self._mismatch(frame.time, measured))
+        self._mismatches.append(self._mismatch(frame.time, self.measured))
         self._check_motion(frame.time, edges)
         if self.graph.relative is not None and edges:
             self.updated = frame.time

@@ -19,6 +19,8 @@ from safe_inspect.units import NonNegativeLength, PositiveLength
 
 #: Frames with fewer points are not used, and not searched without a prediction.
 _LEAST_POINTS, _SEARCH_POINTS = 150, 300
+#: Number of points of a frame that are registered; more do not add to the accuracy.
+_USED_POINTS = 1500
 #: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
 #: Maximum difference of an accepted pose from the prediction [rad, m].
@@ -78,8 +80,8 @@ class _Hypothesis:
 class ModelFrontEnd(FrontEnd):
     """Front end that registers each frame to the known shape of the target; its errors do not accumulate over time.
 
-    Points are fitted to the faces that look to the camera, and the shape to the frame's silhouette. The first pose is
-    found by a search over all attitudes. If the shape looks the same from several attitudes, further views decide
+    Points are fitted to the surface that looks to the camera, and the shape to the frame's silhouette. The first pose
+    is found by a search over all attitudes. If the shape looks the same from several attitudes, further views decide
     between them.
 
     Attributes:
@@ -149,6 +151,7 @@ class _ModelFrontEndRun:
         if len(cloud) < _LEAST_POINTS:
             self._fail(self._hypotheses)
             return []
+        cloud = cloud.thinned(_USED_POINTS)
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         if self._hypotheses:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)

@@ -10,29 +10,28 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.front_end.faces import RangeNoise, faces_of, surface_points
-from safe_inspect.rendezvous.front_end.residuals import face_residuals, silhouette_residuals
+from safe_inspect.rendezvous.front_end.residuals import RangeNoise, silhouette_residuals, surface_residuals
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.target.surface import Surface
 from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 2e-5
 #: Largest component of a step [rad, m].
 _LARGEST_STEP = 0.2
-#: Distance to a face beyond which points do not count [m].
+#: Distance to the surface beyond which points do not count [m].
 _CUT = 0.03
-#: Distance between the points of the shape that are compared with the silhouette, relative to the swept radius, for
-#: tracking and for a search.
-_SPACING, _COARSE_SPACING = 0.02, 0.08
-#: Minimum mean weighted square of the residuals: details that the boxes lack cause errors even without noise.
+#: Distance between the points that represent the surface, relative to the swept radius, for tracking and for a search.
+_SPACING, _COARSE_SPACING = 0.015, 0.06
+#: Minimum mean weighted square of the residuals: details that the model lacks cause errors even without noise.
 _LEAST_EXCESS = 0.05
-#: Ratio of the variance of second-order errors (from points at wrong faces and points beyond the cut) to that of
+#: Ratio of the variance of second-order errors (from points at wrong places and points beyond the cut) to that of
 #: first-order errors at a mean weighted square of 1. Without it, the normalised squared errors of camera profiles
 #: differ by a factor of 4.
 _SECOND_ORDER = 10.0
-#: Standard deviations of the errors caused by details that the boxes lack, about the model's origin [rad, m]; the
+#: Standard deviations of the errors caused by details that the model lacks, about the model's origin [rad, m]; the
 #: spread of the points, relative to the swept radius, above which the first holds; and the power by which it grows for
 #: a smaller spread: details rotate a small patch more, and fewer of them are averaged.
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
@@ -41,9 +40,9 @@ _SAME = np.deg2rad(10.0)
 
 
 class ModelRegistration:
-    """Registration of frames to the boxes of a target: of points to faces, and of the shape to the silhouette.
+    """Registration of frames to the shape of a target: of points to its surface, and of the shape to the silhouette.
 
-    Only faces that look to the camera are used: the rear face of a thin plate would attract points through the plate.
+    Only triangles that look to the camera are used: the rear of a thin plate would attract points through the plate.
     The silhouette constrains the shape in directions in which points do not, for instance along a box.
 
     Args:
@@ -52,7 +51,7 @@ class ModelRegistration:
         T_BC: Pose of the camera in B, shape (4, 4).
         sigma0: Constant part of the standard deviation of a range [m].
         k: Coefficient of the part that grows with the square of the range [1/m].
-        cut: Distance to a face beyond which points do not count [m].
+        cut: Distance to the surface beyond which points do not count [m].
     """
 
     def __init__(
@@ -64,9 +63,11 @@ class ModelRegistration:
         k: float,
         cut: float = _CUT,
     ) -> None:
-        self.faces = faces_of(target.boxes)
-        self.samples = surface_points(self.faces, _SPACING * target.swept_radius)
-        self.coarse_samples = surface_points(self.faces, _COARSE_SPACING * target.swept_radius)
+        self.surface = Surface(target.shape)
+        self.samples, self.coarse_samples = (
+            self.surface.sample(0.5 * side * target.swept_radius).thinned(side * target.swept_radius)
+            for side in (_SPACING, _COARSE_SPACING)
+        )
         self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
         self._T_BC, self._camera, self._whole = T_BC, camera, _WHOLE * target.swept_radius
 
@@ -92,7 +93,7 @@ class ModelRegistration:
                 constrains directions that the frame does not; None without a prior.
             iterations: Maximum number of steps.
             widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
-            coarse: Whether to compare fewer points of the shape with the silhouette.
+            coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
         """
         pose = start
         prior = np.zeros((6, 6)) if information is None else information
@@ -125,15 +126,15 @@ class ModelRegistration:
             cloud: The cleaned frame.
             pose: T_MB, shape (4, 4).
             widening: Factor of the cut.
-            coarse: Whether to compare fewer points of the shape with the silhouette.
+            coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
         """
-        mount, samples = self._T_BC, self.coarse_samples if coarse else self.samples
+        mount = self._T_BC
+        samples = (self.coarse_samples if coarse else self.samples).facing((pose @ mount)[:3, 3])
         noise = self._noise._replace(cut=self._noise.cut * widening)
-        visible = self.faces.looks_to((pose @ mount)[:3, 3])
-        on_faces, distance, inliers = face_residuals(self.faces, visible, pose, cloud, noise)
+        on_surface, distance, inliers = surface_residuals(self.surface, samples, pose, cloud, noise, coarse=coarse)
         outside, far = silhouette_residuals(samples, pose, cloud, self._camera, mount, noise)
-        of_faces = on_faces.sums(np.zeros((7, 7)))
-        sums, squares, number = outside.sums(of_faces), float(of_faces[6, 6]), max(len(cloud), 1)
+        of_surface = on_surface.sums(np.zeros((7, 7)))
+        sums, squares, number = outside.sums(of_surface), float(of_surface[6, 6]), max(len(cloud), 1)
         score = float(np.cumsum([0.0, *distance])[-1]) / number + float(np.cumsum([0.0, *far])[-1]) / max(len(far), 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
         return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()

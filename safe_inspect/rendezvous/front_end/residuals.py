@@ -1,4 +1,4 @@
-"""Residuals of a depth frame against the faces of a known shape.
+"""Residuals of a depth frame against a known surface.
 
 Tangents (rotation, translation) act on T_MB from the right. A point p in B is at ``x = R p + t`` in M, and the residual
 along a direction n of M has the derivative ``[p x g, g]`` with ``g = R^T n``.
@@ -11,17 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.front_end.faces import Faces, RangeNoise, SurfacePoints
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.rendezvous.target.surface import Surface, SurfacePoints, dot
+from safe_inspect.types import FloatArray
 
 #: Limit of the distance of a point in the score [m].
 FAR = 0.05
-#: Minimum cosine of incidence at which the points of a face count: points on a face seen at a flatter angle are flying
-#: pixels next to an edge.
+#: Minimum cosine of incidence at which points count: points on a surface seen at a flatter angle are flying pixels next
+#: to an edge.
 _LEAST_COSINE = 0.12
-#: Minimum fraction of the points that a face must have: a few points on a face are flying pixels, or belong to details
-#: that the model lacks, and would alone determine how the shape may slide along the other visible faces.
+#: Minimum fraction of the points that a patch must have: a few points on one are flying pixels, or belong to details
+#: that the model lacks, and would alone determine how the shape may slide along the other visible patches.
 _LEAST_SHARE = 0.005
 #: Width of the image border that is not compared with the silhouette, and size of the cells in which parts that are
 #: too close hide others [px].
@@ -36,15 +36,25 @@ _SEEN_THROUGH = 1.0
 
 
 def _turned(matrix: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return ``M^T v`` of vectors, shape (3, ...), without BLAS, whose rounding depends on the processor."""
+    """Return ``M^T v`` of vectors, shape (3, n), without BLAS, whose rounding depends on the processor."""
     x, y, z = vectors
-    rows = matrix.reshape(3, 3, *([1] * x.ndim))
-    return np.asarray(rows[0] * x + rows[1] * y + rows[2] * z)
+    return np.asarray(matrix[0][:, None] * x + matrix[1][:, None] * y + matrix[2][:, None] * z)
 
 
-def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the dot products of vectors, shape (3, ...)."""
-    return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
+class RangeNoise(NamedTuple):
+    """Error model of the camera, and the treatment of outliers in a registration.
+
+    Attributes:
+        sigma0: Constant part of the standard deviation of a range [m].
+        k: Coefficient of the part that grows with ``r^2 / cos(incidence)`` [1/m].
+        lateral: Standard deviation perpendicular to a ray, relative to the range.
+        cut: Distance from the surface at which Tukey's weights reach zero [m].
+    """
+
+    sigma0: float
+    k: float
+    lateral: float
+    cut: float
 
 
 class Residuals(NamedTuple):
@@ -73,67 +83,55 @@ class Residuals(NamedTuple):
         return np.asarray(np.concatenate([before[None], terms]).sum(axis=0))
 
 
-def nearest_faces(faces: Faces, visible: BoolArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the visible face nearest to each position, and the position relative to it.
-
-    Args:
-        faces: The faces in M.
-        visible: Mask of the faces that look to the camera, shape (F,); at least one.
-        positions: Positions in M [m], shape (3, n).
-
-    Returns:
-        Indices of the faces, shape (n,), and the height above the face and the signed distances beyond its two pairs of
-        sides, 0 within the rectangle [m], shape (3, n).
-    """
-    shown = np.flatnonzero(visible)
-    axes = faces.axes[shown].transpose(2, 1, 0)[..., None]
-    x, y, z = positions[:, None] - faces.centre[shown].T[..., None]
-    found = axes[0] * x + axes[1] * y + axes[2] * z  # direction, face, position
-    beyond = np.maximum(np.abs(found[1:]) - faces.half_size[shown].T[..., None], 0.0)
-    found[1:] = np.copysign(beyond, found[1:])
-    nearest = _dot(found, found).argmin(axis=0)
-    return shown[nearest], found[:, nearest, np.arange(len(nearest))]
-
-
-def face_residuals(
-    faces: Faces, visible: BoolArray, transform: FloatArray, cloud: Cloud, noise: RangeNoise
+def surface_residuals(
+    surface: Surface,
+    samples: SurfacePoints,
+    transform: FloatArray,
+    cloud: Cloud,
+    noise: RangeNoise,
+    *,
+    coarse: bool = False,
 ) -> tuple[Residuals, FloatArray, int]:
-    """Return the residuals of measured points against the visible faces.
+    """Return the residuals of measured points against the triangles that look to the camera.
 
-    Points on a face that is seen at too flat an angle, or that has too few points, do not count. The residuals are the
-    height above the plane of the face and the distances beyond its sides. The variance along a unit vector n is
-    ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
+    Points on a triangle that is seen at too flat an angle, or on a patch that has too few points, do not count. The
+    residuals are the height above the plane of the nearest triangle and the distance beyond its sharp edges. The
+    variance along a unit vector n is ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
 
     Args:
-        faces: The faces in M.
-        visible: Mask of the faces that look to the camera, shape (F,).
+        surface: The known surface.
+        samples: Points on the triangles that look to the camera.
         transform: T_MB, shape (4, 4).
         cloud: The measured points.
         noise: Error model of the camera.
+        coarse: Whether to find the nearest triangle approximately, see `Surface.nearest`.
 
     Returns:
-        The residuals, the distances of all points to the faces, each at most `FAR` [m], shape (n,), and the number of
+        The residuals, the distances of all points to the surface, each at most `FAR` [m], shape (n,), and the number of
         points within the cut.
     """
-    if not visible.any():
+    if not len(samples.points):
         nothing = np.zeros((0, 3))
         return Residuals(nothing, nothing, np.zeros(0), np.zeros(0)), np.full(len(cloud), FAR), 0
     rotation = transform[:3, :3]
-    face, offset = nearest_faces(faces, visible, _turned(rotation.T, cloud.points.T) + transform[:3, 3:])
-    square, limit = _dot(offset, offset), noise.cut * noise.cut
-    near = square < limit
-    many = np.bincount(face[near], minlength=len(visible)) >= _LEAST_SHARE * len(cloud)
-    axes = _turned(rotation, faces.axes.T)[..., face]  # component, direction, point
-    along = _dot(axes, cloud.rays.T[:, None])
-    used = near & many[face] & (np.abs(along[0]) >= _LEAST_COSINE)
-    axes, along, residual, ranges = axes[..., used], along[:, used], offset[:, used], cloud.ranges[used]
-    sigma = noise.sigma0 + noise.k * ranges * ranges / np.abs(along[0])
+    positions = _turned(rotation.T, cloud.points.T) + transform[:3, 3:]
+    triangles, height, beyond = surface.nearest(samples, positions, coarse=coarse)
+    past = np.sqrt(dot(beyond, beyond))
+    square, limit = height * height + past * past, noise.cut * noise.cut
+    near, patch = square < limit, surface.patches[triangles]
+    many = np.bincount(patch[near], minlength=patch.max() + 1) >= _LEAST_SHARE * len(cloud)
+    normals = _turned(rotation, surface.normals[triangles].T)
+    incidence = np.abs(dot(normals, cloud.rays.T))
+    used = near & many[patch] & (incidence >= _LEAST_COSINE)
+    sides = used & (past > 0.0)
+    index = np.concatenate([np.flatnonzero(used), np.flatnonzero(sides)])
+    directions = np.concatenate([normals[:, used], _turned(rotation, beyond[:, sides] / past[sides])], axis=1)
+    values = np.concatenate([height[used], past[sides]])
+    ranges, along = cloud.ranges[index], dot(directions, cloud.rays[index].T)
+    sigma = noise.sigma0 + noise.k * ranges * ranges / incidence[index]
     variance = sigma**2 * along**2 + (noise.lateral * ranges) ** 2 * (1.0 - along**2)
-    weight = (1.0 - square[used] / limit) ** 2 / variance
-    counted = residual.T != 0.0
-    counted[:, 0] = True  # the sides constrain only the points beyond them
-    points = np.repeat(cloud.points[used][:, None], 3, axis=1)
-    found = Residuals(points[counted], axes.T[counted], residual.T[counted], weight.T[counted])
+    weights = (1.0 - square[index] / limit) ** 2 / variance
+    found = Residuals(cloud.points[index], directions.T, values, weights)
     return found, np.minimum(np.sqrt(square), FAR), int(near.sum())
 
 
@@ -154,7 +152,7 @@ def silhouette_residuals(
     camera sees through the shape.
 
     Args:
-        samples: Points on the faces in M.
+        samples: Points on the surface in M that look to the camera.
         transform: T_MB, shape (4, 4).
         cloud: The measured silhouette and depths.
         camera: Geometry of the camera.
@@ -169,8 +167,8 @@ def silhouette_residuals(
     rotation, axes = transform[:3, :3], mount[:3, :3]
     points = _turned(rotation, samples.points.T - transform[:3, 3:])
     from_camera = points - mount[:3, 3:]
-    distance = np.sqrt(_dot(from_camera, from_camera))
-    cosine = -_dot(from_camera, _turned(rotation, samples.normals.T)) / distance
+    distance = np.sqrt(dot(from_camera, from_camera))
+    cosine = -dot(from_camera, _turned(rotation, samples.normals.T)) / distance
     seen = _turned(axes, from_camera)
     kept = np.flatnonzero((cosine >= _VISIBLE_COSINE) & (seen[2] > 0.0))
     right, down, depth = seen[:, kept]

@@ -15,10 +15,9 @@ from safe_inspect.rendezvous.coordination.pilot import Pilot
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.missions.record import MissionLog
-from safe_inspect.rendezvous.missions.scenario import check_start, checked_target, mission_streams
-from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
+from safe_inspect.rendezvous.missions.scenario import check_start, checked_target, initial_tumbles, mission_streams
 from safe_inspect.rendezvous.missions.summary import normalised_error, summarise_mission
-from safe_inspect.rendezvous.missions.truth import MissionTruth, TruthStep
+from safe_inspect.rendezvous.missions.truth import MissionTruth, SensorSuite, TruthStep, estimator_context
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
 
 #: Function called at every change of state with the time [s], the state before, the guard and the state after.
@@ -71,7 +70,7 @@ class Mission:
         self._log = MissionLog()
         mission, chaser = config.mission, config.chaser
         self._target = target = checked_target(config)
-        tumbling = config.tumble(self._streams)
+        tumbling = tuple(values[0] for values in initial_tumbles(config, self._streams))
         check_start(config, target, tumbling[0])
         # The initial attitude points the camera at the target.
         position = np.array(chaser.position)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic_core import to_json
 
 from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.errors import UNREADABLE_ARRAYS, CheckpointError, SafeInspectError
@@ -57,27 +58,18 @@ class MissionLog:
     def write(self, folder: Path, config: str, summary: dict[str, Any]) -> None:
         """Write the files of a mission into an existing folder."""
         (folder / CONFIG).write_text(config, encoding="utf-8")
-        lines = [json.dumps(json_value(event), allow_nan=False) for event in self.events]
+        lines = [json_text(event) for event in self.events]
         (folder / EVENTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
         np.savez_compressed(folder / ARRAYS, **self.arrays())  # type: ignore[arg-type]
         for index, plan in enumerate(self.plans):
             names = ("t_start", "times", "position", "velocity", "force", "position_target")
             np.savez_compressed(folder / f"plan_{index}.npz", **{name: getattr(plan, name) for name in names})
-        text = json.dumps(json_value(summary), indent=2, allow_nan=False)
-        (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+        (folder / SUMMARY).write_text(json_text(summary, 2) + "\n", encoding="utf-8")
 
 
-def json_value(value: Any) -> Any:
-    """Return a value that JSON can store; numbers that are not finite become null."""
-    if isinstance(value, dict):
-        return {key: json_value(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [json_value(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+def json_text(value: Any, indent: int | None = None) -> str:
+    """Return a value, with arrays and numbers of NumPy, as JSON; numbers that are not finite become null."""
+    return to_json(value, indent=indent, inf_nan_mode="null", fallback=lambda array: array.tolist()).decode()
 
 
 class FlownPlan(NamedTuple):

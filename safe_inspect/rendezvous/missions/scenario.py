@@ -15,9 +15,11 @@ from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
-from safe_inspect.rendezvous.planner.problem import Path, to_inertial, torque_free
+from safe_inspect.rendezvous.planner.problem import Path, to_inertial
 from safe_inspect.rendezvous.plugins import PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import FloatArray
 
 #: Largest rotation of the target from frame to frame that estimation was tested with [rad]; tests flew 8 deg/s at 1 Hz.
@@ -53,7 +55,7 @@ def checked_target(config: RendezvousConfig) -> Target:
     distance = float(np.linalg.norm(point))
     if not np.isfinite(principal).all() or not distance > 0.0:
         raise ConfigError(Problem("the mating point is the target's centre of mass", path, hint="give a point outside"))
-    spare = float(target.boxes.distance((target.R_MT @ point)[None])[0]) - chaser.radius
+    spare = float(target.solid.distance((target.R_MT @ point)[None])[0]) - chaser.radius
     if spare < 0.0:
         message = f"the chaser, a sphere of {chaser.radius:g} m, would overlap the target by {-spare:.3g} m there"
         raise ConfigError(Problem(message, path, hint="move the point outwards"))
@@ -81,9 +83,19 @@ def check_start(config: RendezvousConfig, target: Target, orientation: np.ndarra
         raise ConfigError(Problem(message, "chaser.position", hint="start farther away"))
 
 
-def mission_streams(config: RendezvousConfig, number: int) -> Streams:
-    """Return the random streams of a mission."""
-    return Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
+def mission_streams(config: RendezvousConfig, *numbers: int) -> Streams:
+    """Return the random streams of missions, one row for each."""
+    return Streams(config.seed, np.array(numbers), np.zeros(len(numbers), np.int64))
+
+
+def initial_tumbles(config: RendezvousConfig, streams: Streams) -> tuple[FloatArray, FloatArray]:
+    """Return the target's initial attitudes q_WT, shape (n, 4), and angular velocities in T [rad/s], shape (n, 3).
+
+    Args:
+        config: The experiment.
+        streams: Random streams with a row for each mission.
+    """
+    return tumble_states("tumble", config.tumble(Draw(streams, "tumble")))
 
 
 def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
@@ -99,8 +111,7 @@ def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:
     config, tree = experiment.config, experiment.tree
     try:
         target = checked_target(config)
-        draws = [config.tumble(mission_streams(config, number)) for number in range(min(missions, _MOST_DRAWN))]
-        attitudes, rates = (np.array(values) for values in zip(*draws, strict=True))
+        attitudes, rates = initial_tumbles(config, mission_streams(config, *range(min(missions, _MOST_DRAWN))))
         check_start(config, target, attitudes[0])
         _check_rates(config, target, rates)
         doubts = [*_sensor_doubts(config, target, rates), *_motion_doubts(config, target, attitudes, rates)]
@@ -196,8 +207,9 @@ def _motion_doubts(
             f"the chaser starts at {fastest:g} m/s along an axis; the tracking speed is {limits.tracking_speed:g} m/s"
         )
         yield Problem(message, "chaser.velocity", hint="start slower, or raise chaser.limits.tracking_speed")
-    motion = torque_free(target.principal, *tumble(target.principal, attitudes, rates, _TIMES))
-    _, velocity, acceleration = to_inertial(motion, Path(target.mating_point, np.zeros(3), np.zeros(3)))
+    point = Path(target.mating_point, np.zeros(3), np.zeros(3))
+    turned = tumble(target.principal, attitudes, rates, _TIMES)
+    _, velocity, acceleration = to_inertial(target.principal, *turned, point)
     speed = np.abs(velocity).max(axis=-1)
     force = config.chaser.mass * np.abs(acceleration).max(axis=-1)
     never = np.flatnonzero(~((speed <= limits.speed) & (force <= limits.planned_force)).any(axis=1))

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
 from safe_inspect.rendezvous.planner.paths import SplinePath, spline_basis
@@ -55,20 +54,20 @@ class _PlanUnits:
         mass = limits.mass / _ROOM.mass
         time = float(np.sqrt(length * (_ROOM.planned_force / _ROOM.mass) / (limits.planned_force / limits.mass)))
         force = mass * length / time**2
-        boxes, margin = query.boxes, query.margin
+        margin = query.margin
         scaled = replace(
             query,
             t0=query.t0 / time,
             state=query.state / np.repeat((length, length / time), 3),
             angular_velocity=query.angular_velocity * time,
             mating_point=query.mating_point / length,
-            boxes=OrientedBoxes(boxes.centre / length, boxes.half_size / length, boxes.rotation),
+            solid=query.solid.in_units_of(length),
             limits=replace(
                 limits,
                 speed=limits.speed * time / length,
                 planned_force=limits.planned_force / force,
                 force=limits.force / force,
-                keep_in=None if limits.keep_in is None else limits.keep_in / length,
+                keep_in=limits.keep_in / length,
                 radius=limits.radius / length,
                 line_of_sight_rate=limits.line_of_sight_rate * time,
                 mass=limits.mass / mass,
@@ -141,7 +140,7 @@ def _ranked_problems(query: PlanQuery, count: int, samples: int) -> tuple[list[A
     price = []
     for problem, points in zip(admissible, cold, strict=True):
         in_model = np.einsum("kij,kj->ki", problem.R_MW, problem.basis.values[0] @ points)
-        lacking = np.maximum(query.limits.radius + problem.margin - query.boxes.distance(in_model), 0.0)
+        lacking = np.maximum(query.limits.radius + problem.margin - query.solid.distance(in_model), 0.0)
         price.append(problem.cost(points) + _PRICE * (lacking.mean() * problem.basis.duration))
     return [admissible[i] for i in np.argsort(price, kind="stable")], reason
 

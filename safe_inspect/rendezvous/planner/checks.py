@@ -61,7 +61,7 @@ def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution:
         q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + middle)
         in_target = np.einsum("kji,kj->ki", to_matrix(q[0]), p)
         margin = np.max([query.margin(left), query.margin(middle), query.margin(right)], axis=0)
-        spare = query.boxes.distance(in_target @ query.R_MT.T) - query.limits.radius - margin
+        spare = query.solid.distance(in_target @ query.R_MT.T) - query.limits.radius - margin
         bound = spare - 0.5 * speed * (right - left)
         clear = bound >= -allowance
         least = min(least, float(bound[clear].min(initial=np.inf)))
@@ -77,7 +77,7 @@ def certify(query: PlanQuery, path: ApproachPath, wait: float = 0.0, resolution:
 def start_problem(query: PlanQuery) -> str:
     """Return the problem of the start; an empty string if there is none."""
     limits, p, v = query.limits, query.state[:3], query.state[3:]
-    if limits.keep_in is not None and (np.abs(p) > limits.keep_in).any():
+    if (np.abs(p) > limits.keep_in).any():
         return f"the start {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
     if (np.abs(v) > limits.speed).any():
         return f"the speed at the start is {np.abs(v).max():.3f} m/s along an axis; the limit is {limits.speed:.3f} m/s"
@@ -138,9 +138,8 @@ def plan_mistake(query: PlanQuery, plan: Plan) -> str:
     for name, unit, value, most in (("force", "N", force, limits.planned_force), ("speed", "m/s", speed, limits.speed)):
         if value > most * (1.0 + _EXCESS):
             return f"its {name} is {value:.3g} {unit} along an axis; the limit is {most:.3g} {unit}"
-    box = np.full(3, np.inf) if limits.keep_in is None else np.asarray(limits.keep_in)
-    if (np.abs(position) > box * (1.0 + _EXCESS)).any():
-        return f"it leaves the keep-in box of half sizes {_text(box)} m"
+    if (np.abs(position) > limits.keep_in * (1.0 + _EXCESS)).any():
+        return f"it leaves the keep-in box of half sizes {_text(limits.keep_in)} m"
     return ""
 
 
@@ -156,7 +155,7 @@ def _hover_clearance(query: PlanQuery, times: FloatArray, coasting: bool = False
     p = query.state[:3] + (times[:, None] * query.state[3:] if coasting else 0.0)
     p = np.broadcast_to(p, (len(times), 3))
     in_model = np.einsum("kji,kj->ki", to_matrix(q[0]), p) @ query.R_MT.T
-    return query.boxes.distance(in_model) - query.limits.radius
+    return query.solid.distance(in_model) - query.limits.radius
 
 
 def possible_waits(query: PlanQuery) -> tuple[float, ...]:
@@ -175,18 +174,17 @@ def terminal_problem(problem: ApproachProblem) -> str:
     """Return the problem of the state at the mating point; an empty string if there is none."""
     limits, (p, v, _) = problem.limits, problem.end
     rate = float(np.linalg.norm(np.cross(p, v)) / (p @ p))
-    spare = float(problem.query.boxes.distance((problem.R_MW[-1] @ p)[None])[0] - limits.radius - problem.margin[-1])
+    spare = float(problem.query.solid.distance((problem.R_MW[-1] @ p)[None])[0] - limits.radius - problem.margin[-1])
     ends = problem.basis.velocity_hull @ problem.ends
     pushes = problem.basis.acceleration_hull @ problem.ends
     free = problem.basis.free
     fast = np.abs(ends[np.abs(problem.basis.velocity_hull[:, free]).max(axis=1) == 0.0]).max()
     hard = np.abs(pushes[np.abs(problem.basis.acceleration_hull[:, free]).max(axis=1) == 0.0]).max()
-    if limits.keep_in is not None:
-        outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # Control points are a hull of the ends.
-        if outside[-FIXED:].any():
-            return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
-        if outside[:FIXED].any():
-            return f"the velocity at the start leads out of the keep-in box of half sizes {_text(limits.keep_in)} m"
+    outside = (np.abs(problem.ends) - limits.keep_in).max(axis=1) > 1e-9  # Control points are a hull of the ends.
+    if outside[-FIXED:].any():
+        return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
+    if outside[:FIXED].any():
+        return f"the velocity at the start leads out of the keep-in box of half sizes {_text(limits.keep_in)} m"
     if spare < 0.0:
         return f"the mating point is {-spare:.3f} m closer to the target than radius and margin allow"
     if fast > limits.speed:

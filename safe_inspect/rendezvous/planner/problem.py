@@ -15,20 +15,6 @@ from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanR
 from safe_inspect.types import FloatArray
 
 
-class TargetMotion(NamedTuple):
-    """The rotation of the target at some times.
-
-    Attributes:
-        orientation: Quaternion q_WT [x, y, z, w], shape (..., 4).
-        angular_velocity: Angular velocity w in T [rad/s], shape (..., 3).
-        angular_acceleration: Derivative of w in T [rad/s^2], shape (..., 3).
-    """
-
-    orientation: FloatArray
-    angular_velocity: FloatArray
-    angular_acceleration: FloatArray
-
-
 class Path(NamedTuple):
     """The motion of a point in one frame: its components and their first and second derivatives.
 
@@ -43,31 +29,23 @@ class Path(NamedTuple):
     acceleration: FloatArray
 
 
-def torque_free(inertia: FloatArray, orientation: FloatArray, angular_velocity: FloatArray) -> TargetMotion:
-    """Return the motion of a body without torque, ``w' = -J^-1 (w x J w)``.
-
-    Args:
-        inertia: Principal moments, up to a common factor, shape (..., 3).
-        orientation: Attitude q_WT, shape (..., 4).
-        angular_velocity: Angular velocity in T [rad/s], shape (..., 3).
-    """
-    return TargetMotion(orientation, angular_velocity, angular_acceleration(inertia, angular_velocity))
-
-
-def to_inertial(motion: TargetMotion, path: Path, centre: FloatArray | float = 0.0) -> Path:
-    """Transform a path from T to W.
+def to_inertial(
+    inertia: FloatArray, q: FloatArray, w: FloatArray, path: Path, centre: FloatArray | float = 0.0
+) -> Path:
+    """Transform a path from T to W for a target that turns without torque.
 
     ``r = c + R p``, ``r' = R (v + w x p)`` and ``r'' = R (a + 2 w x v + w' x p + w x (w x p))``, where p, v and a are
-    the components in T and their derivatives, and the centre of mass c is at rest.
+    the components in T and their derivatives, ``w' = -J^-1 (w x J w)``, and the centre of mass c is at rest.
 
     Args:
-        motion: The rotation of the target.
+        inertia: Principal moments J, up to a common factor, shape (..., 3).
+        q: Attitude q_WT, shape (..., 4).
+        w: Angular velocity in T [rad/s], shape (..., 3).
         path: The path in T.
         centre: The target's centre of mass in W [m], shape (..., 3).
     """
-    q, w, dw = motion
     p, v, a = path
-    wp = np.cross(w, p)
+    wp, dw = np.cross(w, p), angular_acceleration(inertia, w)
     return Path(
         centre + rotate(q, p),
         rotate(q, v + wp),
@@ -75,13 +53,12 @@ def to_inertial(motion: TargetMotion, path: Path, centre: FloatArray | float = 0
     )
 
 
-def to_target(motion: TargetMotion, path: Path, centre: FloatArray | float = 0.0) -> Path:
+def to_target(inertia: FloatArray, q: FloatArray, w: FloatArray, path: Path, centre: FloatArray | float = 0.0) -> Path:
     """Transform a path from W to T, the inverse of `to_inertial`.
 
     ``p = R' (r - c)``, ``v = R' r' - w x p``, ``a = R' r'' - 2 w x v - w' x p - w x (w x p)``.
     """
-    q, w, dw = motion
-    back = conjugate(q)
+    back, dw = conjugate(q), angular_acceleration(inertia, w)
     p = rotate(back, path.position - centre)
     wp = np.cross(w, p)
     v = rotate(back, path.velocity) - wp
@@ -182,7 +159,7 @@ def mating_state(query: PlanQuery, q: FloatArray, w: FloatArray) -> FloatArray:
         w: The target's angular velocity in T [rad/s], shape (3,).
     """
     point = Path(query.mating_point, np.zeros(3), np.zeros(3))
-    return np.stack(to_inertial(torque_free(query.inertia, q, w), point))
+    return np.stack(to_inertial(query.inertia, q, w, point))
 
 
 def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report: PlanReport | None = None) -> Plan:
@@ -198,7 +175,7 @@ def sampled_plan(query: PlanQuery, path: ApproachPath, wait: float = 0.0, report
     times = np.linspace(0.0, path.duration, count)
     outside = Path(*path.at(times))
     q, w = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], wait + times)
-    inside = to_target(torque_free(query.inertia, q[0], w[0]), outside)
+    inside = to_target(query.inertia, q[0], w[0], outside)
     p, v, a = outside
     tide = tidal_acceleration(query.mean_motion, query.t0 + wait + times, p) if query.mean_motion else None
     return Plan(

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from safe_inspect.dynamics.tide import largest_tide
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rendezvous.planner.paths import ApproachPath
+from safe_inspect.rendezvous.target.model import Solid
 from safe_inspect.types import FloatArray
 
 #: Amount by which the clearance may be below the margin between samples, as a fraction of the scenario's length.
@@ -31,7 +31,8 @@ class Limits:
         planned_force: Largest force of a plan along each axis of W [N].
         force: Largest force of the actuators along each axis [N]; what a plan does not use is for feedback.
         torque: Largest torque about each axis [N m].
-        keep_in: Half sizes of the box about W's origin that the chaser's centre must stay in [m], shape (3,), or None.
+        keep_in: Half sizes of the box about W's origin that the chaser's centre must stay in [m], shape (3,); infinite
+            for no box.
         radius: Radius of the sphere that contains the chaser [m].
         line_of_sight_rate: Largest rate of the direction to the target's centre of mass [rad/s].
         mass: Mass of the chaser [kg].
@@ -44,7 +45,7 @@ class Limits:
     planned_force: float = 0.168
     force: float = 0.30
     torque: float = 0.025
-    keep_in: FloatArray | None = field(default_factory=lambda: np.array([0.8, 3.0, 0.8]))
+    keep_in: FloatArray = field(default_factory=lambda: np.array([0.8, 3.0, 0.8]))
     radius: float = 0.25
     line_of_sight_rate: float = 0.17
     mass: float = 9.583788668
@@ -67,7 +68,7 @@ class PlanQuery:
         angular_velocity: The target's angular velocity in T at t0 [rad/s], shape (3,).
         inertia: The target's principal moments J1 <= J2 <= J3, up to a common factor, shape (3,).
         mating_point: Position, fixed in T, that the chaser's centre must reach [m], shape (3,).
-        boxes: Boxes that cover the target's shape, in M.
+        solid: The target, in M: distances to it are clearances.
         R_MT: Rotation that takes coordinates in T to M, shape (3, 3).
         limits: The chaser's limits.
         margin: Function from times since the plan's start [s], shape (K,), to the clearance required beyond the
@@ -86,7 +87,7 @@ class PlanQuery:
     angular_velocity: FloatArray
     inertia: FloatArray
     mating_point: FloatArray
-    boxes: OrientedBoxes
+    solid: Solid
     R_MT: FloatArray
     limits: Limits = field(default_factory=Limits)
     margin: Callable[[FloatArray], FloatArray] = _first_margin
@@ -96,36 +97,12 @@ class PlanQuery:
     length: float = 1.0
     step: float = 0.2
 
-    def __post_init__(self) -> None:
-        for name, shape in (
-            ("state", (6,)),
-            ("orientation", (4,)),
-            ("angular_velocity", (3,)),
-            ("inertia", (3,)),
-            ("mating_point", (3,)),
-            ("R_MT", (3, 3)),
-        ):
-            array = np.asarray(getattr(self, name), dtype=np.float64)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ValueError(f"plan query: {name} must be finite, of shape {shape}, got {array.tolist()}")
-            object.__setattr__(self, name, array)
-        if not self.mating_point.any():
-            raise ValueError("plan query: mating_point must not be the target's centre of mass")
-        if abs(float(self.orientation @ self.orientation) - 1.0) > 1e-6:
-            raise ValueError(f"plan query: orientation must be a unit quaternion, got {self.orientation.tolist()}")
-        if not self.durations or not self.waits or min(self.durations) <= 0.0 or min(self.waits) < 0.0:
-            raise ValueError("plan query: durations must be positive and waits not negative [s], at least one of each")
-        if self.mean_motion and self.limits.keep_in is None:
-            raise ValueError(
-                "plan query: on an orbit (mean_motion > 0) limits.keep_in must be given: it bounds the tidal force"
-            )
-
     @property
     def planned_acceleration(self) -> float:
         """Largest acceleration of a plan along each axis, less the largest tidal acceleration in the box [m/s^2]."""
         limits = self.limits
-        reach = 0.0 if limits.keep_in is None else float(np.linalg.norm(limits.keep_in))
-        return limits.planned_force / limits.mass - largest_tide(self.mean_motion, reach)
+        tide = largest_tide(self.mean_motion, float(np.linalg.norm(limits.keep_in))) if self.mean_motion else 0.0
+        return limits.planned_force / limits.mass - tide
 
 
 class PlanStatus(enum.Enum):

@@ -1,9 +1,11 @@
-"""Estimation from a sensor log with the pipeline of a mission, and a mating point given by a pixel."""
+"""Estimation from a sensor log with the pipeline of a mission, its output, and a mating point given by a pixel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,9 +17,10 @@ from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, History, TargetEstimate, largest_sigma
-from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
-from safe_inspect.rendezvous.poses import Edge, move
-from safe_inspect.rendezvous.recording.reader import SensorLog
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.missions.record import json_text
+from safe_inspect.rendezvous.poses import MODEL, Edge, move
+from safe_inspect.rendezvous.recording.reader import TRUTH_PARTS, SensorLog, write_table
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -78,21 +81,6 @@ class LogEstimate:
         return min(errors, key=lambda error: float(np.median(error)))
 
 
-class _Recorder:
-    """A front end that stores all of its edges and the number of the newest ones."""
-
-    def __init__(self, run: FrontEndRun) -> None:
-        self._run = run
-        self.edges: list[Edge] = []
-        self.newest = 0
-
-    def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
-        edges = self._run.step(frame, predicted, rotation)
-        self.edges += edges
-        self.newest = len(edges)
-        return edges
-
-
 @threadpool_limits.wrap(limits=1, user_api="blas")  # type: ignore[untyped-decorator]
 def estimate_log(
     log_: SensorLog,
@@ -115,9 +103,9 @@ def estimate_log(
     camera, T_BC = log_.description.camera.geometry, log_.T_BC  # noqa: N806
     period = float(np.median(np.diff(log_.imu[:, 0]))) if len(log_.imu) > 1 else 1.0
     context, noise = FrontEndContext(camera, T_BC, target, streams), log_.description.imu
-    recorder = _Recorder(estimator.front_end(context))
-    parts = (recorder, estimator.back_end, estimator.characteriser, context)
+    parts = (estimator.front_end(context), estimator.back_end, estimator.characteriser, context)
     pipeline: EstimationPipeline | None = None
+    edges: list[Edge] = []
     online, positions, before = [], [], float(log_.times[0])
     for done, (frame, samples) in enumerate(log_.steps()):
         for row in samples:
@@ -129,7 +117,8 @@ def estimate_log(
         else:
             pipeline.see(frame)
         positions.append(pipeline.now()[0][:3, 3].copy())
-        online.append(_row(pipeline, frame, recorder.newest))
+        edges += pipeline.measured
+        online.append(_row(pipeline, frame))
         if progress is not None:
             progress(done + 1, len(log_))
     if pipeline is None or pipeline.graph is None or pipeline.target is None:
@@ -138,16 +127,16 @@ def estimate_log(
             f"{log_.folder}: the motion of the target could not be determined; {seen} of {len(log_)} frames gave a "
             "relative pose. Check the unit and sign of depths and rates and the camera's orientation, or record longer"
         )
-    edges = tuple(recorder.edges)
+    history = pipeline.history()
     return LogEstimate(
-        np.array(online), pipeline.target, pipeline.graph, np.array(positions), pipeline.history(), edges, target
+        np.array(online), pipeline.target, pipeline.graph, np.array(positions), history, tuple(edges), target
     )
 
 
-def _row(pipeline: EstimationPipeline, frame: DepthFrame, edges: int) -> FloatArray:
+def _row(pipeline: EstimationPipeline, frame: DepthFrame) -> FloatArray:
     graph, found = pipeline.graph, pipeline.target
     row = np.full(len(ONLINE_COLUMNS), np.nan)
-    row[:3] = frame.time, len(frame.points), edges
+    row[:3] = frame.time, len(frame.points), len(pipeline.measured)
     if found is not None:
         q, w = found.predict(np.array([frame.time]))
         row[3:7], row[7:10] = q[0], w[0]
@@ -234,3 +223,92 @@ def in_principal_axes(log: SensorLog, estimate: LogEstimate, frame: int, point: 
 def mating_point_text(point: FloatArray) -> str:
     """Return a mating point as text for the key ``mating_point`` of a target."""
     return "[" + ", ".join(f"{value:.4f} m" for value in point) + "]"
+
+
+ESTIMATE, ONLINE, EDGES = "estimate.json", "estimate.csv", "edges.npz"
+
+
+def summary_of(log: SensorLog, estimate: LogEstimate) -> dict[str, Any]:
+    """Return the estimate at the last frame as a dictionary; angles are in degrees."""
+    found, graph = estimate.target, estimate.graph
+    time = float(log.times[-1])
+    q, w = found.predict(np.array([time]))
+    covariance = found.covariance
+    summary: dict[str, Any] = {
+        "frames": len(log),
+        "frames_with_edges": len({edge.second for edge in estimate.edges}),
+        "poses_to_the_model": sum(edge.first == MODEL for edge in estimate.edges),
+        "seconds": time - float(log.times[0]),
+        "time": time,
+        "q_WT": q[0],
+        "rate_deg_per_s": np.rad2deg(w[0]),
+        "attitude_sigma_deg": np.rad2deg(largest_sigma(covariance[:3, :3])),
+        "rate_sigma_deg_per_s": np.rad2deg(largest_sigma(covariance[3:6, 3:6])),
+        "axes_sigma_deg": np.rad2deg(found.axes_sigma),
+        "q_GT": found.q_GT,
+        "J1_over_J3": found.ratios[0],
+        "J2_over_J3": found.ratios[1],
+        "centre_of_mass_W": graph.centre,
+        "centre_of_mass_G": graph.centre_glued,
+        "centre_sigma": largest_sigma(graph.centre_covariance),
+        "axes_are_observable": found.observable,
+        "directions_are_known": found.aligned,
+        "misfit": found.misfit,
+    }
+    if log.truth is not None:
+        summary["errors"] = _errors(log, estimate, log.truth)
+    return summary
+
+
+def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[str, float]:
+    rate = truth[-1, TRUTH_PARTS["rate"]]
+    error = estimate.attitude_error(log.times, truth[:, TRUTH_PARTS["q_WT"]])
+    _, w = estimate.target.predict(log.times[-1:])
+    # Without a pose to the model the directions of the axes are only known up to half turns.
+    choices = [np.ones(3)]
+    if not estimate.target.aligned:
+        choices += [2.0 * np.eye(3)[k] - 1.0 for k in range(3)]
+    return {
+        "attitude_at_the_end_deg": float(np.rad2deg(error[-1])),
+        "attitude_median_deg": float(np.rad2deg(np.median(error))),
+        "rate_at_the_end_deg_per_s": float(np.rad2deg(min(np.linalg.norm(w[0] * one - rate) for one in choices))),
+    }
+
+
+def write_estimate(folder: Path, log: SensorLog, estimate: LogEstimate) -> None:
+    """Write the summary and the tables into an existing folder."""
+    (folder / ESTIMATE).write_text(json_text(summary_of(log, estimate), 2) + "\n", encoding="utf-8")
+    write_table(folder / ONLINE, ONLINE_COLUMNS, estimate.online, ".10g")
+    names = [field.name for field in fields(Edge)]
+    columns = {name: np.array([getattr(edge, name) for edge in estimate.edges]) for name in names}
+    np.savez_compressed(folder / EDGES, **columns)  # type: ignore[arg-type]
+
+
+def estimate_table(summary: dict[str, Any]) -> str:
+    """Return the summary as lines of text for a terminal."""
+    rate = summary["rate_deg_per_s"]
+    components = ", ".join(f"{one:.3f}" for one in rate)
+    lines = [
+        f"{summary['frames_with_edges']} of {summary['frames']} frames in {summary['seconds']:.1f} s gave poses, "
+        f"{summary['poses_to_the_model']} of them to the known model",
+        f"rate at the end in T           {np.linalg.norm(rate):8.3f} deg/s  ({components}), "
+        f"sigma {summary['rate_sigma_deg_per_s']:.3f}",
+        f"attitude, sigma                {summary['attitude_sigma_deg']:8.3f} deg",
+        f"principal axes, sigma          {summary['axes_sigma_deg']:8.3f} deg"
+        + ("" if summary["axes_are_observable"] else "  (the motion does not show the transverse axes)"),
+        f"J1/J3, J2/J3                   {summary['J1_over_J3']:8.4f}, {summary['J2_over_J3']:.4f}",
+        f"centre of mass, sigma          {1e3 * summary['centre_sigma']:8.1f} mm",
+        "directions of the axes         "
+        + (
+            "    known from the model"
+            if summary["directions_are_known"]
+            else "    ambiguous by half turns: no known shape"
+        ),
+    ]
+    if "errors" in summary:
+        errors = summary["errors"]
+        lines.append(
+            f"errors against the truth: attitude {errors['attitude_at_the_end_deg']:.2f} deg at the end "
+            f"({errors['attitude_median_deg']:.2f} median), rate {errors['rate_at_the_end_deg_per_s']:.3f} deg/s"
+        )
+    return "\n".join(lines)

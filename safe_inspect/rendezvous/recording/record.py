@@ -16,9 +16,9 @@ from safe_inspect.dynamics.quaternion import from_matrix
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.sensing import pose_in_model
+from safe_inspect.rendezvous.missions.truth import pose_in_model
 from safe_inspect.rendezvous.plugins import MeasuredState
-from safe_inspect.rendezvous.recording.format import (
+from safe_inspect.rendezvous.recording.reader import (
     DEPTH,
     DESCRIPTION,
     FRAME_COLUMNS,

@@ -9,8 +9,7 @@ from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.target.model import InertiaMatrix, Point, Target, TargetModel, TriangleMesh
-from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
-from safe_inspect.tasks.rendezvous.shape import boxes_in_model
+from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_model
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveLength
 
@@ -31,7 +30,7 @@ def aligned_boxes(centre: FloatArray, half_size: FloatArray) -> OrientedBoxes:
     return OrientedBoxes(centre, half_size, np.broadcast_to(np.eye(3), (len(centre), 3, 3)))
 
 
-def _mesh_of_boxes(*parts: OrientedBoxes) -> TriangleMesh:
+def mesh_of_boxes(*parts: OrientedBoxes) -> TriangleMesh:
     """Return the faces of all boxes, twelve triangles for each."""
     offsets = [np.einsum("bij,kj,bj->bki", part.rotation, _SIGNS, part.half_size) for part in parts]
     corners = np.concatenate([part.centre[:, None, :] + offset for part, offset in zip(parts, offsets, strict=True)])
@@ -100,7 +99,7 @@ class BoxTarget(TargetModel):
             centre = centre - (volume * centre).sum(axis=0) / volume.sum()
             inertia = _inertia_of_boxes(OrientedBoxes(centre, half_size, rotation))
         boxes = OrientedBoxes(centre, half_size, rotation)
-        return Target(boxes, _mesh_of_boxes(boxes), inertia, np.array(self.mating_point))
+        return Target(boxes, mesh_of_boxes(boxes), inertia, np.array(self.mating_point))
 
 
 class EnvisatTarget(TargetModel):
@@ -122,8 +121,8 @@ class EnvisatTarget(TargetModel):
         centre, half_size = _details(boxes)
         details = aligned_boxes(centre * scale, half_size * scale)
         boxes = OrientedBoxes(boxes.centre * scale, boxes.half_size * scale, boxes.rotation)
-        mesh = _mesh_of_boxes(boxes, details)
-        return Target(boxes, mesh, np.array(ENVISAT_INERTIA) * scale**5, np.array(self.mating_point))
+        seen, known = mesh_of_boxes(boxes, details), mesh_of_boxes(boxes)
+        return Target(boxes, seen, np.array(ENVISAT_INERTIA) * scale**5, np.array(self.mating_point), known)
 
 
 def _details(boxes: OrientedBoxes) -> tuple[FloatArray, FloatArray]:

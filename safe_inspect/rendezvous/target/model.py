@@ -1,24 +1,19 @@
-"""The known properties of the target: shape, inertia and mating point; and the distributions of its tumble."""
+"""The known properties of the target: shape, inertia and mating point."""
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Protocol, Self
 
 import numpy as np
-from pydantic import AfterValidator, field_validator, model_validator
+from pydantic import AfterValidator
 
 from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.dynamics.quaternion import normalise
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.random.streams import Streams
-from safe_inspect.rendezvous.poses import check_unit
 from safe_inspect.types import FloatArray, IntArray
-from safe_inspect.units import Length, NonNegativeAngularRate, quantity
+from safe_inspect.units import Length, quantity
 
 
 def _checked_inertia(inertia: InertiaMatrix) -> InertiaMatrix:
@@ -52,6 +47,23 @@ class TriangleMesh:
         return np.asarray(self.vertices[self.faces])
 
 
+class Solid(Protocol):
+    """What clearances are measured from: `OrientedBoxes`, or the bodies of a mesh."""
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Points whose hull contains the solid [m], shape (V, 3)."""
+
+    def in_units_of(self, length: float) -> Self:
+        """Return the solid with all lengths divided by a length [m]."""
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return signed distances of points [m], shape (N, 3), or lower bounds, negative inside, shape (N,)."""
+
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the signed distances to each part [m], shape (N, B), and their unit gradients, shape (N, B, 3)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """The target, in its model frame M with the centre of mass at the origin.
@@ -59,16 +71,18 @@ class Target:
     T is the frame of the principal axes, J1 <= J2 <= J3, with the same origin.
 
     Attributes:
-        boxes: Boxes that cover the shape, in M; clearances are distances from them.
+        solid: What clearances are measured from, in M.
         mesh: The surface that sensors see, in M.
         inertia: Inertia about the centre of mass in M [kg m^2], shape (3, 3); it may be off by a common factor.
         mating_point: Position that the chaser's centre of mass must reach, in T [m], shape (3,).
+        model: The surface that the chaser knows, in M; None for that of `mesh`.
     """
 
-    boxes: OrientedBoxes
+    solid: Solid
     mesh: TriangleMesh
     inertia: FloatArray
     mating_point: FloatArray
+    model: TriangleMesh | None = None
 
     def __post_init__(self) -> None:
         principal_axes(self.inertia)  # Raises an error if no rigid body has this inertia.
@@ -83,15 +97,20 @@ class Target:
         """The rotation that takes coordinates in T to M, shape (3, 3)."""
         return principal_axes(self.inertia)[1]
 
+    @property
+    def shape(self) -> TriangleMesh:
+        """The surface that the chaser knows, in M."""
+        return self.mesh if self.model is None else self.model
+
     @cached_property
     def swept_radius(self) -> float:
-        """Radius of the sphere about the centre of mass that contains all boxes [m]."""
-        return float(np.linalg.norm(self.boxes.corners, axis=2).max())
+        """Radius of the sphere about the centre of mass that contains the target [m]."""
+        return float(np.linalg.norm(self.solid.vertices, axis=1).max())
 
     @cached_property
     def landmark(self) -> FloatArray:
-        """The corner of the boxes nearest to the mating point, in T [m], shape (3,)."""
-        corners = self.boxes.corners.reshape(-1, 3) @ self.R_MT
+        """The vertex nearest to the mating point, in T [m], shape (3,)."""
+        corners = self.solid.vertices @ self.R_MT
         return np.asarray(corners[np.linalg.norm(corners - self.mating_point, axis=1).argmin()])
 
 
@@ -103,81 +122,3 @@ class TargetModel(Plugin):
     @abstractmethod
     def __call__(self) -> Target:
         """Return the target."""
-
-
-class Tumble(Plugin):
-    """Base class of tumbles: the target's attitude and angular velocity at the start of a mission."""
-
-    kind: ClassVar[str] = "tumble"
-
-    @abstractmethod
-    def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,), at the start of a mission."""
-
-
-class TriAxialTumble(Tumble):
-    """A tumble about a given direction in the principal axes, from a given or a uniformly random attitude.
-
-    Attributes:
-        rate: Initial angular rate [rad/s].
-        direction: Direction of the angular velocity in the principal axes; its length does not matter.
-        attitude: Initial quaternion [x, y, z, w] from the principal axes to W; null for a random one.
-    """
-
-    rate: NonNegativeAngularRate = 0.08726646259971647  # type: ignore[valid-type]
-    direction: tuple[float, float, float] = (0.7, 0.5, 0.5)
-    attitude: tuple[float, float, float, float] | None = None
-
-    @field_validator("direction", "attitude")
-    @classmethod
-    def _has_length(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if value is not None and not (all(map(math.isfinite, value)) and any(value)):
-            raise ValueError(f"{list(value)} is neither a direction nor an attitude: give finite components, not all 0")
-        return value
-
-    @field_validator("attitude")
-    @classmethod
-    def _is_rotation(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if value is not None:
-            check_unit("the attitude", value)
-        return value
-
-    def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return the initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
-        direction = np.array(self.direction)
-        velocity = self.rate * direction / np.linalg.norm(direction)
-        if self.attitude is not None:
-            return normalise(np.array(self.attitude)), velocity
-        return _random_attitude(streams), velocity
-
-
-class RandomTumble(Tumble):
-    """A tumble about a uniformly random direction at a uniformly random rate, from a uniformly random attitude.
-
-    Attributes:
-        least_rate: Smallest angular rate [rad/s].
-        largest_rate: Largest angular rate [rad/s].
-    """
-
-    least_rate: NonNegativeAngularRate = 0.03490658503988659  # type: ignore[valid-type]
-    largest_rate: NonNegativeAngularRate = 0.08726646259971647  # type: ignore[valid-type]
-
-    @model_validator(mode="after")
-    def _is_range(self) -> RandomTumble:
-        if self.least_rate > self.largest_rate:
-            raise ValueError(
-                f"least_rate ({self.least_rate:.4g} rad/s) is more than largest_rate ({self.largest_rate:.4g} rad/s)"
-            )
-        return self
-
-    def __call__(self, streams: Streams) -> tuple[FloatArray, FloatArray]:
-        """Return the initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,)."""
-        direction = streams.normal("tumble.direction", 3)[0]
-        share = float(streams.uniform("tumble.rate")[0, 0])
-        rate = self.least_rate + share * (self.largest_rate - self.least_rate)
-        return _random_attitude(streams), rate * direction / np.linalg.norm(direction)
-
-
-def _random_attitude(streams: Streams) -> FloatArray:
-    """Sample a uniformly random attitude, shape (4,)."""
-    return normalise(streams.normal("tumble.attitude", 4)[0])

@@ -13,11 +13,10 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import expm
 
-from safe_inspect.rta.audit.disturbances import DisturbanceAdversary, normalised_rows
+from safe_inspect.rta.audit.adversaries import DisturbanceAdversary, normalised_rows
 from safe_inspect.rta.constraints.base import RelativeState
-from safe_inspect.rta.constraints.certified import NAMES
+from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.tube.safety_filter import TubeFilter
 from safe_inspect.types import FloatArray, IntArray
 
 #: Number of parts of a hold at whose ends the constraints are evaluated.
@@ -110,12 +109,12 @@ def audit(
 def _filters(count: int, seed: int, first: BackupFilter | None, result: Audit) -> Iterator[BackupFilter]:
     if first is not None:
         yield first
-    bounds = first.bounds if isinstance(first, TubeFilter) else None
+    bounds = None if first is None or first.tracker is None else first.tracker.bounds
     for values, names in settings(seed):
         if not count:
             return
         try:
-            found = BackupFilter(values, names) if bounds is None else TubeFilter(values, names, bounds)
+            found = BackupFilter(values, names, disturbance=bounds)
         except ValueError:  # No position is safe, or the thrusters are too weak.
             result.refused += 1
             continue
@@ -138,10 +137,10 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
     if not len(state):
         return
     watch = _OracleWatch(run)
-    adversary = DisturbanceAdversary(run.bounds, len(state), rng) if isinstance(run, TubeFilter) else None
+    adversary = None if run.tracker is None else DisturbanceAdversary(run.tracker.bounds, len(state), rng)
     kind = rng.integers(0, 4 if adversary is None else 5, len(state))[:, None]
     result.starts += len(state)
-    memory = TubeFilter.memory(len(state))
+    memory = run.memory(len(state))
     for _ in range(steps):
         noise = rng.normal(size=state.position.shape)
         inward = -state.position / np.linalg.norm(state.position, axis=1, keepdims=True)
@@ -150,10 +149,7 @@ def fly_filtered(run: BackupFilter, state: RelativeState, steps: int, rng: np.ra
         desired = run.parameters.u_max * np.select(
             [kind == 1, kind == 2, kind == 3, kind == 4], [0.05 * noise, noise, inward, pushed], 0.0
         )
-        if isinstance(run, TubeFilter):
-            flown, memory = run.track(seen, desired, memory)
-        else:
-            flown = run(seen, desired)
+        flown, memory = run.track(seen, desired, memory)
         result.steps += len(state)
         result.infeasible += int(flown.infeasible.sum())
         result.interventions += int(flown.intervening.sum())

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from safe_inspect.compiling import Kernel
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.rows import RowKernels
@@ -77,6 +78,13 @@ class ConstraintValues:
         """Return values filled with zeros, to be written into."""
         return cls(np.zeros(rows), np.zeros(rows), np.zeros((rows, 6)), np.zeros(rows))
 
+    @classmethod
+    def computed(cls, kernel: Kernel[..., None], state: RelativeState, *numbers: Any) -> ConstraintValues:
+        """Return what a kernel writes; it takes the arrays of the state, the numbers, and the arrays of the values."""
+        out = cls.zeros(len(state))
+        kernel((state.position, state.velocity, state.sun_angle), *numbers, out.phi, out.h, out.gradient, out.rate)
+        return out
+
 
 class Constraint(Plugin):
     """Base class of the safety constraints.
@@ -85,9 +93,9 @@ class Constraint(Plugin):
 
         gradient . (drift + input u) + rate + alpha(h + bias) >= 0,   alpha(s) = alpha_linear s + alpha_cubic s^3.
 
-    A subclass defines `evaluate` and its fields with their defaults, and `from_parameters` if it can be built from a
-    task's parameters. Row i of every result depends only on row i of the state, and is finite for every finite state
-    whose squares do not overflow.
+    A subclass defines `evaluate` and its fields with their defaults, and `from_task` or `from_parameters` if it can be
+    built from a task's parameters. Row i of every result depends only on row i of the state, and is finite for every
+    finite state whose squares do not overflow.
 
     For the filters ``backup`` and ``simplex`` and the team filter, which certify whole holds (periods of constant
     thrust), a subclass also defines `half_space`, a static method that the filter compiles::
@@ -112,6 +120,7 @@ class Constraint(Plugin):
     Class attributes:
         unit: Unit of phi.
         pair: True if the state is that of one deputy relative to another, instead of relative to the chief.
+        from_task: Names of the parameters of a task, see `ConstraintParameters`, by the field that takes their value.
         kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space.
         uncertified: Fields that the certifying filters do not use and reject if given: those of alpha, and a mean
             motion, because the filters use that of the orbit.
@@ -126,6 +135,7 @@ class Constraint(Plugin):
     kind: ClassVar[str] = "constraint"
     unit: ClassVar[str] = "-"
     pair: ClassVar[bool] = False
+    from_task: ClassVar[Mapping[str, str]] = {}
     half_space: ClassVar[HalfSpace | None] = None
     kernels: ClassVar[RowKernels | None] = None
     uncertified: ClassVar[frozenset[str]] = frozenset({"alpha_linear", "alpha_cubic", "bias"})
@@ -141,8 +151,8 @@ class Constraint(Plugin):
 
     @classmethod
     def from_parameters(cls, parameters: ConstraintParameters) -> Self:
-        """Build the constraint from a task's parameters; by default, they are ignored."""
-        return cls()
+        """Build the constraint from a task's parameters, of which it takes those of `from_task`."""
+        return cls(**{field: getattr(parameters, name) for field, name in cls.from_task.items()})
 
     @classmethod
     def counts(cls, chosen: Set[str]) -> bool:
@@ -179,10 +189,6 @@ class Constraint(Plugin):
     def gradient(self, state: RelativeState) -> FloatArray:
         """Return the derivative of h with respect to (position, velocity), shape (R, 6)."""
         return self.evaluate(state).gradient
-
-    def rate(self, state: RelativeState) -> FloatArray:
-        """Return the partial derivative of h with respect to time, shape (R,); 0 unless h depends on the sun."""
-        return self.evaluate(state).rate
 
     def alpha(self, h: FloatArray) -> FloatArray:
         """Return alpha_linear h + alpha_cubic h^3, element by element."""

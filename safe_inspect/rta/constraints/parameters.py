@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from safe_inspect.errors import did_you_mean
-from safe_inspect.rta.fields import ConeAngle
 from safe_inspect.units import (
+    ConeAngle,
     NonNegativeSpeed,
     PositiveAngularRate,
     PositiveDuration,
@@ -82,6 +83,11 @@ class TaskParameters(BaseModel):
         if isinstance(values, Mapping):
             return {k: v for k, v in values.items() if v is not None or k not in TaskParameters.model_fields}
         return values
+
+    @cached_property
+    def agreeing(self) -> ConstraintParameters:
+        """The same parameters, after the checks of `ConstraintParameters`."""
+        return ConstraintParameters.of({name: getattr(self, name) for name in TaskParameters.model_fields})
 
     def in_world(self, world: Mapping[str, float]) -> Self:
         """Return a copy in which fields that are not given have the values of the world.

@@ -10,6 +10,8 @@ cell certify all of it, or the cell is halved. Each constraint is expressed as s
   and N is the cone's outward normal near the middle of the cell;
 * largest range and speeds: a norm is convex, so the norm of a smooth vector exceeds the chord between its ends by no
   more than the vector itself departs from its chord.
+
+`range_limit` computes phi, h and the gradient of h of a lower or upper bound on the range.
 """
 
 from __future__ import annotations
@@ -19,12 +21,15 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from safe_inspect.compiling import BORROWING, Kernel, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
+from safe_inspect.types import FloatArray
 
 #: Options for functions of a few lines, for which passing the many arguments would cost more than their work.
 INLINED: dict[str, Any] = {**BORROWING, "forceinline": True}
 #: Three numbers along the axes of Hill's frame.
 Triple = tuple[float, float, float]
+#: Positions (R, 3), velocities (R, 3) and sun angles (R,).
+StateArrays = tuple[FloatArray, FloatArray, FloatArray]
 #: Cosine and sine of the sun angle.
 SunAngle = tuple[float, float]
 
@@ -94,9 +99,9 @@ class ArcCell(NamedTuple):
 
 
 class ClosedNode(NamedTuple):
-    """Point of a closed natural motion; the attributes are those of `Node`."""
+    """Point of a closed natural motion; the attributes are those of `Node`, but the state is the position alone."""
 
-    position: Triple
+    state: Triple
     sun: SunAngle
     range: float
     speed: float
@@ -204,3 +209,46 @@ def node(x: RowState, sun: SunAngle) -> Node:
         x, sun, math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),
         math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]), along, across,
     )  # fmt: skip
+
+
+#: Below this distance [m], no direction is derived from the position, because it would be rounding noise.
+LENGTH_FLOOR = 1e-6
+#: Below this distance [m], the slope of the signed square root is the slope at this distance; it is infinite at 0.
+ROOT_FLOOR = 1e-6
+
+
+@njit
+def braking_speed(distance: float, acceleration: float) -> tuple[float, float]:
+    """Return sign(d) sqrt(2 a |d|), the speed from which one can brake within d, and its slope."""
+    size = abs(distance)
+    value = math.sqrt(2.0 * acceleration * size)
+    slope = acceleration / math.sqrt(2.0 * acceleration * max(size, ROOT_FLOOR))
+    return (value if distance >= 0.0 else -value), slope
+
+
+@njit
+def range_limit(
+    state: StateArrays, limit: float, acceleration: float, side: float,
+    phi: FloatArray, h: FloatArray, gradient: FloatArray, rate: FloatArray,
+) -> None:  # fmt: skip
+    """Write phi, h and the gradient of h of a bound on the range: a lower bound for side = 1, an upper one for -1."""
+    position, velocity, _ = state
+    for i in range(position.shape[0]):
+        x, y, z = position[i]
+        vx, vy, vz = velocity[i]
+        distance = math.sqrt(x * x + y * y + z * z)
+        turning = side / distance if distance >= LENGTH_FLOOR else 0.0
+        ex, ey, ez = 1.0, 0.0, 0.0
+        if not distance < LENGTH_FLOOR:
+            ex, ey, ez = x / distance, y / distance, z / distance
+        speed = ex * vx + ey * vy + ez * vz
+        gap = side * (distance - limit)
+        root, slope = braking_speed(gap, acceleration)
+        phi[i] = gap
+        h[i] = root + side * speed
+        gradient[i, 0] = side * slope * ex + turning * (vx - speed * ex)
+        gradient[i, 1] = side * slope * ey + turning * (vy - speed * ey)
+        gradient[i, 2] = side * slope * ez + turning * (vz - speed * ez)
+        gradient[i, 3] = side * ex
+        gradient[i, 4] = side * ey
+        gradient[i, 5] = side * ez

@@ -1,4 +1,8 @@
-"""Build the constraints of a task by name."""
+"""Build the constraints of a task by name, and the constraints that the certifying filters evaluate with row kernels.
+
+The index of a constraint in `CERTIFIED` is its code in compiled rows. The machine code depends on their order: this
+file mentions @njit so that the cache of `safe_inspect.compiling` notices when the file changes.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,21 @@ from safe_inspect.errors import RegistryError
 from safe_inspect.plugins.functor import SCHEMA_KIND, build, describe
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.constraints.base import Constraint
-from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
+from safe_inspect.rta.constraints.speeds import AlongTrackSpeed, CrossTrackSpeed, RadialSpeed, RelativeSpeedLimit
+from safe_inspect.rta.constraints.sun import SunKeepOut
+
+CERTIFIED: tuple[type[Constraint], ...] = (
+    ChiefCollision, RelativeSpeedLimit, SunKeepOut, MaximumRange, PassivelySafeManoeuvre,
+    RadialSpeed, AlongTrackSpeed, CrossTrackSpeed,
+)  # fmt: skip
+#: The names of these constraints.
+NAMES = tuple(constraint.registered_name for constraint in CERTIFIED)
+#: Codes of the two constraints on the distance from the chief: the filters search for the closest approach separately.
+COLLISION, PSM = CERTIFIED.index(ChiefCollision), CERTIFIED.index(PassivelySafeManoeuvre)
+#: Code of the constraint that rotates with the sun.
+SUN = CERTIFIED.index(SunKeepOut)
 
 
 def constraint_set(
@@ -84,16 +101,6 @@ def name_of(entry: str | Constraint) -> str:
     if isinstance(entry, Constraint):
         return entry.name or entry.registered_name
     return entry if "." not in entry else _class_of(entry).registered_name
-
-
-def gives_half_space(entry: str | Constraint) -> bool:
-    """Return whether a constraint, given itself or by its registered name, defines `Constraint.half_space`."""
-    if isinstance(entry, Constraint):
-        return type(entry).half_space is not None
-    try:
-        return cast("type[Constraint]", registry.get("constraint", entry)).half_space is not None
-    except RegistryError:
-        return False
 
 
 def _entry(value: Any) -> Any:

@@ -8,12 +8,11 @@ from typing import Any, Literal
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
-from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters.base import SafetyFilter, as_columns, checked, differs
-from safe_inspect.rta.filters.probes import responds_to_thrust
-from safe_inspect.rta.numerics.qp import solve_qp
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.rta.constraints.sets import NAMES
+from safe_inspect.rta.filters.base import SafetyFilter, as_columns, checked, differs, responds_to_thrust
+from safe_inspect.rta.numerics.projection import solve_qp
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import FloatArray, IntArray
 
 #: Outside the safe set, alpha is multiplied by this ...
@@ -67,8 +66,6 @@ class ContinuousFilter(SafetyFilter):
                     f"the method 'continuous' cannot enforce the constraint {name!r}: the velocity part of the "
                     "gradient of its h is 0 everywhere, so thrust cannot affect it; let h depend on the velocity too"
                 )
-        if infeasible not in ("least_violating", "pass"):
-            raise ValueError(f"`infeasible` must be 'least_violating' or 'pass', got {infeasible!r}")
         self.infeasible = infeasible
 
     def __call__(self, state: RelativeState, desired: FloatArray) -> FilterResult:
@@ -81,10 +78,9 @@ class ContinuousFilter(SafetyFilter):
         rows, bounds = self.conditions(state, evaluations)
         limit = float(self.parameters.u_max)
         clipped = np.clip(desired, -limit, limit)
-        solution = solve_qp(clipped, rows, bounds, limit)
-        control = solution.control
+        control, feasible = solve_qp(clipped, rows, bounds, limit)
         if self.infeasible == "pass":
-            control = np.where(solution.feasible[:, None], control, clipped)
+            control = np.where(feasible[:, None], control, clipped)
         value = np.zeros(bounds.shape)
         for axis in range(3):
             value += rows[..., axis] * clipped[:, None, axis]
@@ -94,7 +90,7 @@ class ContinuousFilter(SafetyFilter):
         return FilterResult(
             control=control,
             intervening=differs(control, desired),
-            infeasible=~solution.feasible,
+            infeasible=~feasible,
             backup=np.zeros(len(state), np.bool_),
             active=active,
             phi=as_columns([evaluation.phi for evaluation in evaluations], len(state)),
@@ -113,7 +109,8 @@ class ContinuousFilter(SafetyFilter):
         vx, vy, vz = state.velocity[:, 0], state.velocity[:, 1], state.velocity[:, 2]
         drift = (vx, vy, vz, 3.0 * n * n * x + 2.0 * n * vy, -2.0 * n * vx, -n * n * z)
         for j, (constraint, value) in enumerate(zip(self.constraints.values(), evaluations, strict=True)):
-            total = value.rate + allowed_descent(constraint, value.h)
+            outside = RETURN_GAIN * constraint.alpha(value.h + RETURN_BIAS)
+            total = value.rate + np.where(value.h < 0.0, outside, constraint.alpha(value.h + constraint.bias))
             for i, part in enumerate(drift):
                 total = total + value.gradient[:, i] * part
             normal = value.gradient[:, 3:] / mass
@@ -121,9 +118,3 @@ class ContinuousFilter(SafetyFilter):
             length = np.where(length > _SHORTEST, length, 1.0)
             rows[:, j], bounds[:, j] = normal / length[:, None], -total / length
         return rows, bounds
-
-
-def allowed_descent(constraint: Constraint, h: FloatArray) -> FloatArray:
-    """Return alpha(h + bias), or 10 alpha(h - 0.01) where h < 0, shape (R,)."""
-    inside, outside = constraint.alpha(h + constraint.bias), RETURN_GAIN * constraint.alpha(h + RETURN_BIAS)
-    return np.where(h < 0.0, outside, inside)

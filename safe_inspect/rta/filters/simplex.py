@@ -9,21 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.propagation import propagate
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.dynamics.regulator import regulator
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.constraints.certified import NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.base import checked, differs
-from safe_inspect.simulators.filter_result import FilterResult
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import BoolArray, FloatArray
 
 #: An ellipse whose angle about the chief leads or lags the axis of the sun cone by this much stays out of a cone of 60
 #: deg: the direction on a 2:1 ellipse differs from a uniform rotation by at most 19.5 deg.
 _STRAY = math.asin(1.0 / 3.0)
 _CLEAR = math.radians(5.0)
+#: Weights of the regulator, of squared errors of position [1/m^2] and velocity [s^2/m^2]; that of thrust is 1 [1/N^2].
+_WEIGHTS = [1e-6] * 3 + [1.0] * 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +70,6 @@ class SimplexFilter:
         parameters: Mapping[str, Any] | ConstraintParameters | None = None,
         names: Iterable[str | Constraint] = NAMES,
         delta_v_limit: float = math.inf,
-        position_weight: float = 1e-6,
-        velocity_weight: float = 1.0,
     ) -> None:
         """Build the filter.
 
@@ -78,20 +77,15 @@ class SimplexFilter:
             parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
             names: Constraints that `BackupFilter` can enforce, by name or built.
             delta_v_limit: Delta-v limit of an episode [m/s].
-            position_weight: Weight of the squared position error [1/m^2]; that of the squared thrust is 1 [1/N^2].
-            velocity_weight: Weight of the squared velocity error [s^2/m^2].
 
         Raises:
             ValueError: An argument is wrong.
         """
-        if not (delta_v_limit > 0.0 and position_weight > 0.0 and velocity_weight > 0.0):
-            raise ValueError("the delta-v limit and the weights must be positive")
         self._safe = BackupFilter(parameters, names, several_holds=False)  # The delta-v reserve assumes one hold.
         self.parameters, self.names, self.delta_v_limit = self._safe.parameters, self._safe.names, delta_v_limit
         p = self.parameters
         self._hold = transition(float(p.n), float(p.m), float(p.step_size))
-        weights = np.diag([position_weight] * 3 + [velocity_weight] * 3)
-        self.gain = regulator(*self._hold, weights, np.eye(3))
+        self.gain = regulator(*self._hold, np.diag(_WEIGHTS), np.eye(3))
 
     def __call__(
         self, state: RelativeState, desired: FloatArray, memory: SimplexMemory

@@ -121,7 +121,7 @@ def write_box(a: FloatArray, c: FloatArray, limit: float) -> None:
 @njit(**BORROWING)
 def nearest(
     rows: FloatArray, bounds: FloatArray, count: int, limit: float, target: FloatArray, settle: bool,
-    out: FloatArray, missed: BoolArray, p: ProjectionWorkspace,
+    out: FloatArray, p: ProjectionWorkspace,
 ) -> bool:  # fmt: skip
     """Write the control nearest to `target` with rows u >= bounds in the box, or the least-violating one.
 
@@ -133,7 +133,6 @@ def nearest(
         target: The desired control, shape (3,).
         settle: If not all rows can be satisfied, True: find the least-violating control; False: `out` has no meaning.
         out: Receives the control, shape (3,).
-        missed: Receives the rows that are violated, shape (M,).
         p: Workspace.
 
     Returns:
@@ -143,11 +142,9 @@ def nearest(
     write_box(a, c, limit)
     used, met = 6, True
     for i in range(count):
-        missed[i] = False
         length = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)
         if length < SHORTEST:
-            missed[i] = bounds[i] > _TOLERANCE
-            met = met and not missed[i]
+            met = met and not bounds[i] > _TOLERANCE
             continue
         a[used, 0], a[used, 1], a[used, 2] = rows[i, 0] / length, rows[i, 1] / length, rows[i, 2] / length
         c[used] = bounds[i] / length
@@ -158,10 +155,6 @@ def nearest(
         if not settle:
             return False
         _least_violating(used, limit, target, out, p)
-    if not met:
-        for i in range(count):
-            short = bounds[i] - (rows[i, 0] * out[0] + rows[i, 1] * out[1] + rows[i, 2] * out[2])
-            missed[i] = short > 1e-9 * (1.0 + abs(bounds[i]))
     for axis in range(3):
         out[axis] = min(max(out[axis], -limit), limit)
     return met
@@ -197,12 +190,44 @@ def _least_violating(
 
 
 @njit(error_model="numpy")
-def solve_rows(
-    desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float,
-    control: FloatArray, missed: BoolArray, feasible: BoolArray,
-) -> None:  # fmt: skip
-    """Solve one problem for each row of the batch; see `safe_inspect.rta.numerics.qp`."""
+def _solve_rows(
+    desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float, control: FloatArray, feasible: BoolArray
+) -> None:
+    """Solve one problem for each row of the batch; see `solve_qp`."""
     count = rows.shape[1]
     p = projection_workspace(count)
     for i in range(desired.shape[0]):
-        feasible[i] = nearest(rows[i], bounds[i], count, limit, desired[i], True, control[i], missed[i], p)
+        feasible[i] = nearest(rows[i], bounds[i], count, limit, desired[i], True, control[i], p)
+
+
+def solve_qp(
+    desired: FloatArray, rows: FloatArray, bounds: FloatArray, limit: float
+) -> tuple[FloatArray, BoolArray]:  # fmt: skip
+    """Minimise |u - desired|^2 subject to rows . u >= bounds and |u_i| <= limit, for every problem of a batch.
+
+    If no control satisfies every row, the result is the least-violating admissible control: among the controls of the
+    box that minimise the largest violation max_j (bounds_j - rows_j . u), in the units of the given rows, it is the one
+    nearest to the desired control. A row shorter than 1e-12 does not depend on the control: it is satisfied or violated
+    whatever the control, and does not affect the result.
+
+    The method is exact (Seidel's incremental projection); half-spaces are satisfied within 1e-11 of their distance. The
+    result of a problem depends on that problem alone.
+
+    Args:
+        desired: Desired controls, shape (R, 3).
+        rows: Normals of the half-spaces, shape (R, M, 3).
+        bounds: Right-hand sides, shape (R, M).
+        limit: Largest magnitude of each component of the control.
+
+    Returns:
+        The controls, shape (R, 3), and a mask of the problems in which every row is satisfied, shape (R,).
+
+    Raises:
+        ValueError: A number is not finite; the message names the first such problem of the batch.
+    """
+    finite = np.isfinite(desired).all(axis=1) & np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(bounds).all(axis=1)
+    if not finite.all():
+        raise ValueError(f"row {int(np.argmin(finite))} of the programme contains a number that is not finite")
+    control, feasible = np.zeros((len(desired), 3)), np.zeros(len(desired), np.bool_)
+    _solve_rows(desired, rows, bounds, limit, control, feasible)
+    return control, feasible

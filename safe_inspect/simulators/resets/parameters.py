@@ -47,6 +47,11 @@ class Draw:
         return replace(self, purpose=f"{self.purpose}.{name}" if self.purpose else name)
 
 
+def either(one: Mapping[str, BoolArray], other: Mapping[str, BoolArray]) -> dict[str, BoolArray]:
+    """Return, by reason, the mask of the rows that one test or the other rejects."""
+    return {**one, **{name: one[name] | rows if name in one else rows for name, rows in other.items()}}
+
+
 class Parameter(Plugin):
     """A value that is sampled at every reset.
 

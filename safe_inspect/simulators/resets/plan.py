@@ -11,7 +11,7 @@ import numpy as np
 from safe_inspect.errors import InitialStateError
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators.resets.initializers import Initializer
-from safe_inspect.simulators.resets.parameters import Draw, Parameter, SimAttributeAccessor, Value
+from safe_inspect.simulators.resets.parameters import Draw, Parameter, SimAttributeAccessor, Value, either
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: States that belong to a deputy; all other states of a parameter, such as the sun's angle, belong to the environment.
@@ -104,8 +104,7 @@ class ResetPlan:
         placed: dict[str, FloatArray] = {}
         for index, (name, body) in enumerate(self.deputies.items()):
             own = values if index == 0 else self._redrawn(streams, values, body, index, placed)
-            bodies[name] = self._apart(body, Draw(streams, name, values=own), placed)
-            self._check_apart(bodies[name], index, placed)
+            bodies[name] = self._apart(body, index, Draw(streams, name, values=own), placed)
             placed = _joined(placed, bodies[name])
         bodies |= {name: body(Draw(streams, name, values=values)) for name, body in self.entities.items()}
         drawn = {item.name: item.parameter(Draw(streams, item.purpose, values=values)) for item in self.environment}
@@ -137,14 +136,22 @@ class ResetPlan:
                     base[key] = base[key] + drawn[key] if key in base else drawn[key]
         return own
 
-    def _apart(self, body: BodyReset, draw: Draw, placed: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return a body's states; rows that are too close to preceding bodies are drawn again if the body draws."""
+    def _apart(
+        self, body: BodyReset, index: int, draw: Draw, placed: Mapping[str, FloatArray]
+    ) -> dict[str, FloatArray]:
+        """Return a body's states; rows that are too close to preceding bodies are drawn again if the body draws.
+
+        Raises:
+            InitialStateError: Some are still too close.
+        """
         states = body(draw)
         if not placed or self.separation == 0.0:
             return states
-        for attempt in range(1, _MAX_DRAWS if body.draws else 1):
+        for attempt in range(1, _MAX_DRAWS + 1):
             rows = np.flatnonzero(_too_near(states["position"], placed["position"], self.separation))
             if not len(rows):
+                return states
+            if attempt == _MAX_DRAWS or not body.draws:
                 break
             values = {
                 name: {key: array[rows] for key, array in value.items()} if isinstance(value, dict) else value[rows]
@@ -153,7 +160,11 @@ class ResetPlan:
             again = body(replace(draw, streams=draw.streams[rows], index=attempt, values=values))
             for name, array in again.items():
                 states[name][rows] = array
-        return states
+        names = list(self.deputies)
+        raise InitialStateError(
+            f"{names[index]} starts closer than {self.separation:g} m to {' or '.join(names[:index])} in "
+            f"{len(rows)} of {len(states['position'])} environments; give each deputy its own initial state"
+        )
 
     def tested(self, draw: Draw, index: int = 0, placed: Mapping[str, FloatArray] | None = None) -> Draw:
         """Return the draw of a deputy's states, with the plan's tests and the distance to other deputies.
@@ -169,26 +180,14 @@ class ResetPlan:
 
         def refusals(states: Mapping[str, FloatArray], rows: IntArray) -> dict[str, BoolArray]:
             before = {name: array[rows] for name, array in placed.items()}
-            refused = {}
+            refused: dict[str, BoolArray] = {}
             if placed and self.separation > 0.0:
                 refused["separation"] = _too_near(states["position"], before["position"], self.separation)
             for test in self.tests:
-                for name, unsafe in test(states, index, before).items():
-                    refused[name] = refused[name] | unsafe if name in refused else unsafe
+                refused = either(refused, test(states, index, before))
             return refused
 
         return replace(draw, test=refusals)
-
-    def _check_apart(self, states: Mapping[str, FloatArray], index: int, placed: Mapping[str, FloatArray]) -> None:
-        if not placed or self.separation == 0.0:
-            return
-        near = _too_near(states["position"], placed["position"], self.separation)
-        if near.any():
-            names = list(self.deputies)
-            raise InitialStateError(
-                f"{names[index]} starts closer than {self.separation:g} m to {' or '.join(names[:index])} in "
-                f"{int(near.sum())} of {len(near)} environments; give each deputy its own initial state"
-            )
 
 
 def _too_near(position: FloatArray, others: FloatArray, separation: float) -> BoolArray:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_inspect.simulators.missing import missing
+from safe_inspect.simulators.offers import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.simulators.world import World

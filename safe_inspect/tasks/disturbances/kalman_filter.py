@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +11,8 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.errors import ArgumentError
-from safe_inspect.random.balls import normal_at
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OwnOfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.random.splitmix import normal_at
+from safe_inspect.simulators import Component, OwnOfView, RunningComponent, State, World
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 from safe_inspect.units import PositiveLength, PositiveSpeed
 
@@ -114,6 +111,7 @@ class _RunningFilter(RunningComponent):
     def __init__(self, plugin: KalmanFilter, world: World) -> None:
         self._plugin, self._deputies = plugin, world.num_deputies
         self.arrays = {name: ArraySpec((self._deputies, 3)) for name in (_POSITION, _VELOCITY)}
+        self.offered = dict.fromkeys(self.arrays, OwnOfView)
         maps = [transition(world.mean_motion, mass, world.step_size) for mass in world.masses]
         phi, gamma = maps[0][0], np.array([gamma for _, gamma in maps])
         self._maps = _Maps(phi, gamma, plugin.gains(phi, world.step_size)[0], plugin.measurement)
@@ -127,12 +125,6 @@ class _RunningFilter(RunningComponent):
         truth = state["position"][:, : self._deputies]
         estimates = state[_POSITION], state[_VELOCITY]
         _filter(self._maps, state["key"], state["step"], state["control"], truth, *estimates)
-
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OwnOfView(name) for name in self.arrays}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfTeam(name) for name in self.arrays}
 
 
 @njit

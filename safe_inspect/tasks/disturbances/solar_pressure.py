@@ -7,9 +7,7 @@ from typing import Any
 
 from safe_inspect.dynamics.base import DisturbanceBounds, MotionLimits
 from safe_inspect.errors import InitialStateError
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.simulators import Component, RunningComponent, State, World
 from safe_inspect.types import BoolArray
 from safe_inspect.units import NonNegativeAreaPerMass
 

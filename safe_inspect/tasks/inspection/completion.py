@@ -5,32 +5,43 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import grid
-from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin, PointsName
 from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, RowInput
 from safe_inspect.simulators.world import World
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
 
-#: Summed weight of inspected points that completes an inspection, in (0, 1]; None: all points are required.
-WeightThreshold = Annotated[float | None, Field(gt=0, le=1)]
+
+@njit
+def has_reached(value: float, limit: float) -> bool:
+    """Return whether a number is at least a limit."""
+    return value >= limit
 
 
-def completion(world: World, entity: str, weight_threshold: float | None) -> tuple[RowInput, RowInput]:
-    """Return the required and the present amount of inspection, as inputs of a row kernel.
+class Completion(Plugin):
+    """Fields of the plugins that test whether an inspection is complete.
 
-    Args:
-        world: The constant data of the simulation.
-        entity: The body that carries the points.
-        weight_threshold: The summed weight that is required; None: all points.
+    Attributes:
+        inspection_entity_name: Name of the body with the points.
+        weight_threshold: Total weight of inspected points that is sufficient, in (0, 1]; None requires all points.
     """
-    if weight_threshold is None:
-        return float(world.points[entity].num_points), EnvironmentArray(f"points/{entity}/team_count")
-    return weight_threshold, EnvironmentArray(f"points/{entity}/team_score")
+
+    inspection_entity_name: PointsName = "chief"
+    weight_threshold: Annotated[float | None, Field(gt=0, le=1)] = None
+
+    def completion(self, world: World) -> tuple[RowInput, RowInput]:
+        """Return the present and the required amount of inspection, the inputs of `has_reached`."""
+        entity = self.inspection_entity_name
+        if self.weight_threshold is None:
+            return EnvironmentArray(f"points/{entity}/team_count"), float(world.points[entity].num_points)
+        return EnvironmentArray(f"points/{entity}/team_score"), self.weight_threshold
 
 
-class PassiveSafety(Plugin):
+class PassiveSafety(Completion):
     """Fields of the plugins that test whether a deputy that coasts for an orbit stays away from the origin.
 
     The least range is that of the closed-form motion over all times; see `least_coasting_range`.
@@ -45,8 +56,16 @@ class PassiveSafety(Plugin):
     mean_motion: PositiveAngularRate | None = None
     fft_time_step: PositiveDuration = 1.0
 
-    def coasting_inputs(self, world: World) -> tuple[float, float, Any, Any, Any]:
-        """Return mean motion, smallest range, and the inputs of `least_coasting_range` except the last."""
+    def inputs(self, world: World, *parameters: float) -> tuple[Any, ...]:
+        """Return the inputs of a row kernel: an array of parameters, those of `has_reached`, then those of coasting.
+
+        The array contains the mean motion [rad/s], the smallest range [m] and the given parameters. The inputs of
+        coasting are those of `least_coasting_range` except the last one.
+
+        Args:
+            world: The constant data of the simulation.
+            *parameters: Further parameters of the kernel.
+        """
         n = float(world.mean_motion if self.mean_motion is None else self.mean_motion)
-        table = grid(n, 2.0 * math.pi / n)
-        return n, self.crash_region_radius, OwnArray("position"), OwnArray("velocity"), table
+        rule = np.array([n, self.crash_region_radius, *parameters])
+        return rule, *self.completion(world), OwnArray("position"), OwnArray("velocity"), grid(n, 2.0 * math.pi / n)

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from copy import copy
-from typing import Any, Literal
+from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
-from safe_inspect.tasks.inspection.delta_v_scale import DeltaVScale, DeltaVSchedule
-from safe_inspect.types import AnyArray, ArraySpec, BoolArray, IntArray
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
+from safe_inspect.tasks.inspection.points_view import PointsModel
+from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray, IntArray
 
 _SCALE = "delta_v_scale"
 
 
-class FuelPriceSchedule(Component):
-    """Scale of the delta-v reward for each environment slot, which is kept through resets; see `DeltaVScale`.
-
-    Array: ``delta_v_scale`` [1/(m/s)], shape (N,).
+class FuelPrice(Plugin):
+    """Fields of the plugins that set the scale of the delta-v reward, a cost.
 
     Attributes:
         steps_until_update: Steps of a slot between two updates of its scale.
@@ -42,74 +36,100 @@ class FuelPriceSchedule(Component):
     delta_v_updater_criteria: Literal["count", "score"] = "count"
 
     @model_validator(mode="after")
-    def _consistent(self) -> FuelPriceSchedule:
+    def _consistent(self) -> FuelPrice:
         for field in ("delta_v_scale_bounds", "inspected_points_update_bounds"):
-            check_interval(field, *getattr(self, field))
+            low, high = getattr(self, field)
+            if not low <= high:
+                raise ValueError(f"`{field}` is [low, high], but {low} is above {high}; swap them")
         return self
 
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: the schedule does not affect the motion of deputies."""
-        return NO_DISTURBANCE
+
+class FuelPriceSchedule(FuelPrice, PassiveComponent):
+    """Scale of the delta-v reward for each environment slot, which is kept through resets.
+
+    Every slot counts its own steps and averages the inspected fraction at the end of its episodes, so the scale
+    depends neither on the batch size nor on the number of workers. An interval in which no episode ended changes
+    nothing, and an episode that is abandoned by a reset does not count.
+
+    Array: ``delta_v_scale`` [1/(m/s)], shape (N,).
+    """
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running schedule."""
-        schedule = DeltaVSchedule(
-            start=self.delta_v_scale_bounds[1],
-            bounds=self.delta_v_scale_bounds,
-            change=self.delta_v_scale_step,
-            steps_until_update=self.steps_until_update,
-            fractions=self.inspected_points_update_bounds,
-        )
-        return _RunningSchedule(schedule, world, num_envs, self.delta_v_updater_criteria == "score")
-
-
-def check_interval(field: str, low: float, high: float) -> None:
-    """Check that a pair of bounds is in order.
-
-    Raises:
-        ValueError: It is not.
-    """
-    if not low <= high:
-        raise ValueError(f"`{field}` is [low, high], but {low} is above {high}; swap them")
+        return _RunningSchedule(self, num_envs, next(iter(world.offers.world.get("points", {}).values()), None))
 
 
 class _RunningSchedule(RunningComponent):
     arrays = {_SCALE: ArraySpec(())}  # noqa: RUF012 - never written
+    offered = {_SCALE: OfView}  # noqa: RUF012 - never written
 
-    def __init__(self, schedule: DeltaVSchedule, world: World, num_envs: int, by_score: bool) -> None:
-        self._schedule, self._num_envs, self._by_score = schedule, num_envs, by_score
-        self._points = next(iter(world.offers.world.get("points", {}).values()), None)
-        self._scale = DeltaVScale(schedule, num_envs)
+    def __init__(self, schedule: FuelPrice, num_envs: int, points: PointsModel | None = None) -> None:
+        self._schedule, self._num_envs, self._points = schedule, num_envs, points
+        self.restart()
+
+    def restart(self) -> None:
+        self.scale: FloatArray = np.full(self._num_envs, self._schedule.delta_v_scale_bounds[1])
+        self._steps: IntArray = np.zeros(self._num_envs, dtype=np.int64)
+        self._sum: FloatArray = np.zeros(self._num_envs)
+        self._episodes: IntArray = np.zeros(self._num_envs, dtype=np.int64)
+        self._calls_until_due = self._schedule.steps_until_update
 
     def resume(self, state: State, rows: IntArray) -> None:
-        state[_SCALE][:] = self._scale.scale[rows]
+        state[_SCALE][:] = self.scale[rows]
 
     def step(self, state: State, running: BoolArray) -> None:
-        self._scale.advance(running)
-        state[_SCALE][:] = self._scale.scale
+        self.advance(running)
+        state[_SCALE][:] = self.scale
 
     def end(self, state: State, rows: IntArray) -> None:
         if self._points is not None:
-            points = state.points[self._points.entity]
-            found = points.team_score[rows] if self._by_score else points.team_count[rows] / self._points.num_points
-            self._scale.end_episodes(rows, found)
+            points, by_score = state.points[self._points.entity], self._schedule.delta_v_updater_criteria == "score"
+            found = points.team_score[rows] if by_score else points.team_count[rows] / self._points.num_points
+            self.end_episodes(rows, found)
 
-    def part(self, rows: IntArray) -> RunningComponent:
-        part = copy(self)
-        part._scale = self._scale.take(rows)
+    def part(self, rows: IntArray) -> _RunningSchedule:
+        part = _RunningSchedule(self._schedule, len(rows), self._points)
+        part.load_state_dict({name: array[rows] for name, array in self.state_dict().items()})
         return part
 
     def join(self, part: _RunningSchedule, rows: IntArray) -> None:
-        self._scale.put(rows, part._scale)
-
-    def restart(self) -> None:
-        self._scale = DeltaVScale(self._schedule, self._num_envs)
+        count = len(rows)
+        self.scale[rows], self._steps[rows] = part.scale[:count], part._steps[:count]
+        self._sum[rows], self._episodes[rows] = part._sum[:count], part._episodes[:count]
+        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def state_dict(self) -> dict[str, AnyArray]:
-        return self._scale.state_dict()
+        own = {"scale": self.scale, "steps": self._steps, "sum": self._sum, "episodes": self._episodes}
+        return {name: array.copy() for name, array in own.items()}
 
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
-        self._scale.load_state_dict({name: np.asarray(array) for name, array in state.items()})
+        """Continue from the result of `state_dict`; if the number of slots differs, each slot gets the mean scale."""
+        bounds = self._schedule.delta_v_scale_bounds
+        if len(state["scale"]) != len(self.scale):
+            self.scale[:] = np.clip(np.mean(state["scale"]), *bounds)
+            return
+        self.scale[:] = np.clip(state["scale"], *bounds)
+        self._steps[:], self._sum[:], self._episodes[:] = state["steps"], state["sum"], state["episodes"]
+        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {_SCALE: OfView(_SCALE)}
+    def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
+        """Record ended episodes by their slots and inspected fractions."""
+        self._sum[rows] += fraction
+        self._episodes[rows] += 1
+
+    def advance(self, running: BoolArray) -> None:
+        """Count one step of the slots whose episode is running, and update the slots whose interval has ended."""
+        schedule = self._schedule
+        self._steps += running
+        self._calls_until_due -= 1
+        if self._calls_until_due > 0:  # No slot can be due yet.
+            return
+        due: BoolArray = self._steps >= schedule.steps_until_update
+        mean = self._sum / np.maximum(self._episodes, 1)
+        adapts = due & (self._episodes > 0)
+        low, high = schedule.inspected_points_update_bounds
+        direction = (adapts & (mean >= high)).astype(np.float64) - (adapts & (mean <= low))
+        np.clip(self.scale + direction * schedule.delta_v_scale_step, *schedule.delta_v_scale_bounds, out=self.scale)
+        for counter in (self._steps, self._sum, self._episodes):
+            counter[due] = 0
+        self._calls_until_due = schedule.steps_until_update - int(self._steps.max())

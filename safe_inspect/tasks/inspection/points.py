@@ -1,31 +1,125 @@
-"""`InspectionPoints`: points on bodies that deputies inspect when they see them lit."""
+"""`InspectionPoints`: points on bodies that deputies inspect when their cameras see them lit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.geometry.inspection_kernels import Scores, inspect_body
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import Components, rotated
 from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Credit
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfView
-from safe_inspect.simulators.resets.attitudes import require_length
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
-from safe_inspect.tasks.inspection.camera import ConeCamera, inspect_by_camera
-from safe_inspect.tasks.inspection.illumination import IlluminationParams
-from safe_inspect.tasks.inspection.points_model import PointsModel
-from safe_inspect.tasks.inspection.points_view import NewPoints, PointsOf
+from safe_inspect.geometry.visibility import (
+    Credit,
+    Scores,
+    Surface,
+    count_inspected,
+    inspect_body,
+    light_row,
+    point_axes,
+    sum_scores,
+)
+from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
+from safe_inspect.simulators.resets.initializers import require_length
+from safe_inspect.tasks.inspection.points_view import NewPoints, PointsModel, PointsOf
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of
+from safe_inspect.tasks.inspection.sun import IlluminationParams
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import Angle, ConeOfView, PositiveLength
+from safe_inspect.units import ConeOfView, ConeToBody, PositiveLength
+
+
+class ConeCamera(NamedTuple):
+    """Camera with a cone of view, whose apex is the deputy's centre.
+
+    Attributes:
+        axis: Unit vector of the cone's axis in body axes.
+        half_angle: Half the full angle of the cone [rad]; with pi or more, the camera sees in all directions.
+    """
+
+    axis: Components
+    half_angle: float
+
+
+@njit
+def in_cone(look: Components, cos_half: float, dx: float, dy: float, dz: float) -> bool:
+    """Return whether a direction of any length is within a cone.
+
+    Args:
+        look: Unit vector of the cone's axis.
+        cos_half: Cosine of half its full angle.
+        dx: First component of the direction.
+        dy: Second component.
+        dz: Third component.
+    """
+    return look[0] * dx + look[1] * dy + look[2] * dz >= cos_half * math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit
+def inspect_by_camera(
+    position: FloatArray,
+    orientation: FloatArray,
+    body: int,
+    camera: ConeCamera,
+    sun: FloatArray,
+    surface: Surface,
+    active: BoolArray,
+    credit: Credit,
+    scores: Scores,
+) -> None:
+    """Credit each lit point that a camera sees to the first deputy that sees it, and sum the weights.
+
+    A point q is visible from p if it is above the horizon, ``q . p >= R^2``, and the angle at the deputy between q and
+    the camera's axis is at most half that of the cone.
+
+    Args:
+        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
+        orientation: Attitudes of the bodies, shape (N, B, 4).
+        body: Index of the body that carries the points.
+        camera: The camera of every deputy.
+        sun: Unit vectors to the sun [-], shape (N, 3).
+        surface: The points of the body, relative to its centre.
+        active: Whether a deputy's sensor works, shape (N, D).
+        credit: Which deputy inspected each point; read and written.
+        scores: Weights of the inspected points; read and written.
+    """
+    radius, count = surface.radius, surface.points.shape[0]
+    axes, bright = point_axes(surface.points), np.empty(count, dtype=np.bool_)
+    qx, qy, qz = axes[0], axes[1], axes[2]
+    viewer = np.empty(3)
+    horizon, cos_half = radius * radius, math.cos(min(camera.half_angle, math.pi))
+    inspector = credit.inspector
+    for n in range(credit.own_count.shape[0]):
+        changed = False
+        for d in range(credit.own_count.shape[1]):
+            for k in range(3):
+                viewer[k] = position[n, d, k] - position[n, body, k]
+            vx, vy, vz = viewer[0], viewer[1], viewer[2]
+            square = vx * vx + vy * vy + vz * vz
+            if not active[n, d] or square < horizon:
+                continue
+            look = rotated(orientation[n, d], camera.axis[0], camera.axis[1], camera.axis[2])
+            distance = math.sqrt(square)
+            cosine = -(look[0] * vx + look[1] * vy + look[2] * vz) / distance
+            away, outline = math.acos(min(max(cosine, -1.0), 1.0)), math.asin(radius / distance)
+            if away - outline > camera.half_angle:  # The body is entirely outside the cone.
+                continue
+            whole = away + outline <= camera.half_angle  # The body is entirely inside the cone.
+            light_row(viewer, sun[n], axes, radius, surface.light, bright)
+            for p in range(count):
+                if inspector[n, p] >= 0 or not bright[p] or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
+                    continue
+                if whole or in_cone(look, cos_half, qx[p] - vx, qy[p] - vy, qz[p] - vz):
+                    inspector[n, p] = d
+                    changed = True
+        if changed:
+            count_inspected(n, credit)
+            sum_scores(n, credit, scores)
+
 
 #: The reset parameters that give the priority vector.
 _AZIMUTH, _ELEVATION = "priority_vector_azimuth_angle", "priority_vector_elevation_angle"
@@ -54,7 +148,29 @@ class SpherePoints(BaseModel):
         return sphere_points(self.points_algorithm, self.num_points, self.radius)
 
 
-class InspectionPoints(Component):
+class CameraAndPoints(Plugin):
+    """Fields of the plugins that set the points of bodies, their light and the cameras of the deputies.
+
+    Attributes:
+        inspection_points_map: Points by the body that carries them.
+        illumination_params: The sunlight; None: every point is lit at all times.
+        field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
+        sensor_fov: Full angle of the cone of a camera that rotates with the deputy [rad]; with 2 pi, it sees in all
+            directions. None: the camera points to the body's centre, see `field_of_view`. A simulator requires
+            platforms that rotate, and its default for these is 2 pi.
+        initial_sensor_unit_vec: Axis of that camera in body axes; any length.
+    """
+
+    inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
+    illumination_params: IlluminationParams | None = IlluminationParams()
+    field_of_view: ConeToBody = math.pi
+    sensor_fov: ConeOfView | None = None
+    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    _has_length = field_validator("initial_sensor_unit_vec")(require_length)
+
+
+class InspectionPoints(CameraAndPoints, PassiveComponent):
     """Points on bodies, each inspected as soon as a deputy's camera sees it lit.
 
     A point remains inspected. It is credited to the first deputy that sees it, in the order of agents.
@@ -66,30 +182,12 @@ class InspectionPoints(Component):
     Hill's unless `ChiefRotation` rotates it.
 
     Attributes:
-        inspection_points_map: Points by the body that carries them.
-        illumination_params: The sunlight; None: every point is lit at all times.
-        field_of_view: Full angle of the camera's cone about the line to the body's centre [rad].
-        sensor_fov: Full angle of the cone of a camera that rotates with the deputy [rad]; with 2 pi, it sees in all
-            directions. None: the camera points to the body's centre, see `field_of_view`.
-        initial_sensor_unit_vec: Axis of that camera in body axes; any length.
         report_score: Whether infos and tables also contain the summed weight of the inspected points.
     """
 
     parameters: ClassVar[Mapping[str, str]] = {_AZIMUTH: "rad", _ELEVATION: "rad"}
 
-    inspection_points_map: dict[str, SpherePoints] = Field(default_factory=lambda: {"chief": SpherePoints()})
-    illumination_params: IlluminationParams | None = IlluminationParams()
-    field_of_view: Angle = math.pi
-    sensor_fov: ConeOfView | None = None
-    initial_sensor_unit_vec: tuple[float, float, float] = (1.0, 0.0, 0.0)
     report_score: bool = False
-
-    @field_validator("field_of_view")
-    @classmethod
-    def _full_angle(cls, value: float) -> float:
-        return check_field_of_view(value)
-
-    _has_length = field_validator("initial_sensor_unit_vec")(require_length)
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -100,10 +198,6 @@ class InspectionPoints(Component):
     def radii(self) -> Mapping[str, float]:
         """Radius of each sphere that carries points [m]."""
         return {name: sphere.radius for name, sphere in self.inspection_points_map.items()}
-
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: points do not affect the motion of deputies."""
-        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running points.
@@ -130,17 +224,6 @@ class InspectionPoints(Component):
             x, y, z = (component / size for component in self.initial_sensor_unit_vec)
             camera = ConeCamera((x, y, z), 0.5 * self.sensor_fov)
         return _RunningPoints(models, world, camera or self.field_of_view, self.report_score)
-
-
-def check_field_of_view(angle: float) -> float:
-    """Return a field of view [rad] after checking it.
-
-    Raises:
-        ValueError: It is not a full angle of a cone.
-    """
-    if not 0.0 < angle <= math.pi:
-        raise ValueError(f"`field_of_view` must be a full angle in (0, pi], not {angle} rad")
-    return angle
 
 
 class _RunningPoints(RunningComponent):
@@ -181,32 +264,31 @@ class _RunningPoints(RunningComponent):
         return {"new_points": NewPoints}
 
     def info(self, view: Any) -> dict[str, AnyArray]:
-        found: dict[str, AnyArray] = {}
-        bodies = view.state.points if self._models else {}
-        for model in self._models.values():
-            points = bodies[model.entity]
-            found["inspected_count"] = found.get("inspected_count", 0) + view.per_environment(points.team_count)
-            found["own_inspected_count"] = found.get("own_inspected_count", 0) + view.per_agent(points.own_count)
-            if self._report_score:  # The mean over all bodies.
-                share = 1.0 / len(self._models)
-                team, own = view.per_environment(points.team_score), view.per_agent(points.own_score)
-                found["inspected_score"] = found.get("inspected_score", 0.0) + share * team
-                found["own_inspected_score"] = found.get("own_inspected_score", 0.0) + share * own
-        return self._with_fraction(found)
+        return self._totals(view.state, {"team": view.per_environment, "own": view.per_agent})
 
     def team_info(self, team: Any) -> dict[str, AnyArray]:
-        counts = [team.state.points[model.entity].team_count for model in self._models.values()]
-        found = {"inspected_count": sum(counts[1:], counts[0].copy())} if counts else {}
-        if self._report_score and counts:
-            scores = [team.state.points[model.entity].team_score for model in self._models.values()]
-            found["inspected_score"] = sum(scores[1:], scores[0].copy()) / len(scores)
-        return self._with_fraction(found)
+        return self._totals(team.state, {"team": np.asarray})
 
     def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
         return tuple(team.state.points[model.entity].inspector >= 0 for model in self._models.values())
 
-    def _with_fraction(self, found: dict[str, AnyArray]) -> dict[str, AnyArray]:
-        if self._total:
+    def _totals(self, state: Any, rows_of: Mapping[str, Callable[[AnyArray], AnyArray]]) -> dict[str, AnyArray]:
+        """Return the numbers of inspected points of all bodies, their fraction, and the mean score over the bodies.
+
+        Args:
+            state: The state.
+            rows_of: For ``team``, and ``own`` if the values of single deputies are asked for, the function that gives
+                the rows of an array.
+        """
+        found: dict[str, Any] = {}
+        bodies = [state.points[name] for name in self._models]
+        for whose, rows in rows_of.items() if bodies else ():
+            prefix = "" if whose == "team" else "own_"
+            found[f"{prefix}inspected_count"] = sum(rows(getattr(points, f"{whose}_count")) for points in bodies)
+            if self._report_score:
+                scores = [rows(getattr(points, f"{whose}_score")) for points in bodies]
+                found[f"{prefix}inspected_score"] = sum(scores) / len(scores)
+        if bodies:
             found["inspected_fraction"] = found["inspected_count"] / self._total
         return found
 

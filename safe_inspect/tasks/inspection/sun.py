@@ -1,28 +1,25 @@
-"""Direction of the sun in Hill's frame, and `Sun`, the component that moves it with the chief's orbit."""
+"""The sun: `Sun`, the component that moves it with the chief's orbit, its direction in Hill's frame, and its light."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, Dynamics, MotionLimits
-from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
-from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
-from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
-from safe_inspect.dynamics.orbit.shadow import Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS, Shadow, earth_shadow, sunlight_row
+from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit, in_hill_frame, in_inertial_axes
 from safe_inspect.errors import ArgumentError
-from safe_inspect.simulators.component import Component, EntityParameter, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.world import World
+from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
+from safe_inspect.simulators import Component, OfView, PassiveComponent, RunningComponent, State, World
+from safe_inspect.simulators.component import EntityParameter
 from safe_inspect.types import ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import ElevationAngle, PositiveAngularRate, PositiveLength
+from safe_inspect.units import ElevationAngle, Length, NonNegativeLength, PositiveAngularRate, PositiveLength
 
 #: The array of the direction of the light, with `Sun.eclipse`.
 LIGHT = "light_direction"
@@ -139,14 +136,26 @@ def _written_date(value: Any) -> Any:
 WrittenDate = Annotated[datetime, BeforeValidator(_written_date)]
 
 
-def require_one_direction(sun: Any) -> None:
-    """Check that not both `date` and `beta_angle` are given.
+class SunDirection(BaseModel):
+    """Fields of the models that set the direction of the sun, and whether the Earth hides it; see `Sun`.
 
-    Raises:
-        ValueError: Both are.
+    Attributes:
+        eclipse: Whether the Earth hides the sun on a part of each orbit, in which no point is lit.
+        beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
+            parameter ``beta_angle`` replaces; None: the sun is in the plane.
+        date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
+            date in all episodes, and ``sun_angle`` is not used. Excludes `beta_angle`. None: these two determine it.
     """
-    if sun.date is not None and sun.beta_angle is not None:
-        raise ValueError("`date` and `beta_angle` exclude each other; remove one of them")
+
+    eclipse: bool = False
+    beta_angle: ElevationAngle | None = None
+    date: WrittenDate | None = None
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> Self:
+        if self.date is not None and self.beta_angle is not None:
+            raise ValueError("`date` and `beta_angle` exclude each other; remove one of them")
+        return self
 
 
 def sun_on(date: datetime) -> tuple[float, float, float]:
@@ -161,7 +170,7 @@ def sun_on(date: datetime) -> tuple[float, float, float]:
     return math.cos(along), math.cos(tilt) * math.sin(along), math.sin(tilt) * math.sin(along)
 
 
-class Sun(Component):
+class Sun(SunDirection, PassiveComponent):
     """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
@@ -177,12 +186,7 @@ class Sun(Component):
 
     Attributes:
         rate: Rate of the angle [rad/s], except on a `RelativeOrbit`.
-        eclipse: Whether the Earth hides the sun.
         distance: Distance of the sun [m]; it determines the apparent size of the disc.
-        beta_angle: Angle between the sun and the orbital plane at the reset [rad], positive towards +z, which the reset
-            parameter ``beta_angle`` replaces; None: the sun is in the plane.
-        date: Date and time (UTC if no zone is given), on a `RelativeOrbit`: the direction of the sun is that of this
-            date in all episodes, and ``sun_angle`` is not used. Excludes `beta_angle`. None: these two determine it.
     """
 
     entity: ClassVar[Mapping[str, EntityParameter]] = {"theta": EntityParameter("rad", "sun_angle", "sun")}
@@ -190,15 +194,7 @@ class Sun(Component):
     optional_parameters: ClassVar[Mapping[str, str]] = {BETA: "its `beta_angle` is set, as by `illumination_params`"}
 
     rate: PositiveAngularRate = 0.001027
-    eclipse: bool = False
     distance: PositiveLength = 150e9
-    beta_angle: ElevationAngle | None = None
-    date: WrittenDate | None = None
-
-    @model_validator(mode="after")
-    def _one_direction(self) -> Sun:
-        require_one_direction(self)
-        return self
 
     @property
     def parameters(self) -> Mapping[str, str | None]:  # type: ignore[override]
@@ -209,10 +205,6 @@ class Sun(Component):
     def allowed(self) -> Mapping[str, tuple[float, float]]:
         """A beta angle of at most 90 degrees."""
         return {BETA: (-0.5 * math.pi, 0.5 * math.pi)}
-
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: the sun does not affect the motion of deputies."""
-        return NO_DISTURBANCE
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running sun.
@@ -247,6 +239,7 @@ class _RunningSun(RunningComponent):
         if shadow is not None:
             self.arrays |= {"sunlight": ArraySpec(()), LIGHT: ArraySpec((3,))}
         self.recorded = tuple(name for name in ("sun_angle", BETA, "sunlight") if name in self.arrays)
+        self.offered = dict.fromkeys(self.arrays, OfView)
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
         state["sun_angle"][:] = values.get("sun_angle", 0.0)
@@ -288,11 +281,92 @@ class _RunningSun(RunningComponent):
     def of_world(self) -> Mapping[str, Any]:
         return {"sun_rate": self._rate} | ({} if self._shadow is None else {"shadow": self._shadow})
 
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfView(name) for name in self.arrays}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfTeam(name) for name in self.arrays}
-
     def shared_state(self, team: Any) -> tuple[Any, ...]:
         return (team.sun_direction,)
+
+
+class LightProperties(BaseModel):
+    """Intensity of the sunlight by red, green and blue [-]."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ambient: Colour = (1.0, 1.0, 1.0)
+    diffuse: Colour = (1.0, 1.0, 1.0)
+    specular: Colour = (1.0, 1.0, 1.0)
+
+
+class SurfaceProperties(BaseModel):
+    """Reflection of light by the chief's surface, by red, green and blue [-].
+
+    Attributes:
+        ambient: Fraction of the ambient light.
+        diffuse: Fraction that is scattered.
+        specular: Fraction that is mirrored.
+        shininess: Sharpness of the highlight; the exponent is a quarter of it.
+        reflection: Fraction reflected to other surfaces; no effect, because a single sphere has none.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    ambient: Colour = (0.1, 0.0, 0.0)
+    diffuse: Colour = (0.7, 0.0, 0.0)
+    specular: Colour = (1.0, 1.0, 1.0)
+    shininess: float = Field(default=100.0, gt=0)
+    reflection: float = Field(default=0.5, ge=0, le=1)
+
+
+class IlluminationParams(SunDirection):
+    """Properties of the sun and its light.
+
+    Attributes:
+        mean_motion: Rate of the sun's angle [rad/s].
+        avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel on the chief, and the distance only determines
+            the penumbra of an eclipse.
+        light_properties: Colour of the light.
+        chief_properties: Colour of the chief's surface.
+        bin_ray_flag: True: a point is lit if its ray to the sun is free, and dark otherwise. False: Blinn-Phong colour.
+        ray_offset: Height above the surface at which the ray to the sun starts [m]. 0 is exact; safe-autonomy-sims
+            uses 1e-5.
+        resolution: Pixels of the camera; recorded, without effect on the simulation.
+        focal_length: Focal length of the camera [m]; recorded, without effect on the simulation.
+        pixel_pitch: Pixel pitch of the camera [m]; recorded, without effect on the simulation.
+        render_flag_3d: Must be false: the simulator does not render; use `safe_inspect.evaluation` instead.
+        render_flag_subplots: Must be false, for the same reason.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    mean_motion: PositiveAngularRate = 0.001027
+    avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
+    light_properties: LightProperties = LightProperties()
+    chief_properties: SurfaceProperties = SurfaceProperties()
+    bin_ray_flag: bool = True
+    ray_offset: NonNegativeLength = 0.0
+    resolution: tuple[int, int] = (200, 200)
+    focal_length: Length = 9.6e-3
+    pixel_pitch: Length = 5.6e-3
+    render_flag_3d: bool = False
+    render_flag_subplots: bool = False
+
+    def light(self, radius: float) -> Light:
+        """Return the light on a sphere of the given radius [m]."""
+        if self.bin_ray_flag:
+            return binary_light(radius, self.ray_offset)
+        sun, chief = self.light_properties, self.chief_properties
+        return phong_light(
+            radius,
+            light_ambient=sun.ambient,
+            light_diffuse=sun.diffuse,
+            light_specular=sun.specular,
+            chief_ambient=chief.ambient,
+            chief_diffuse=chief.diffuse,
+            chief_specular=chief.specular,
+            shininess=chief.shininess,
+            ray_offset=self.ray_offset,
+        )
+
+    @model_validator(mode="after")
+    def _no_rendering(self) -> IlluminationParams:
+        if self.render_flag_3d or self.render_flag_subplots:
+            raise ValueError("the simulator does not render; set the render flags to False and plot recorded episodes")
+        return self

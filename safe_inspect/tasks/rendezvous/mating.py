@@ -6,30 +6,21 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
-from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, OwnArray, RowInput
+from safe_inspect.simulators.row_terms.inputs import EnvironmentArray, RowInput
+from safe_inspect.tasks.docking.speed_limit import own_motion
 from safe_inspect.types import FloatArray
 
 
 @njit
-def is_docked(
-    reach: float,
-    speed: float,
-    position: FloatArray,
-    velocity: FloatArray,
-    mating_position: FloatArray,
-    mating_velocity: FloatArray,
-) -> bool:
+def is_docked(reach: float, speed: float, *motion: FloatArray) -> bool:
     """Return whether a chaser is at the mating point and has the same velocity.
 
     Args:
         reach: Largest distance to the mating point [m].
         speed: Largest speed relative to the mating point [m/s].
-        position: Position of the chaser [m], shape (3,).
-        velocity: Velocity of the chaser [m/s], shape (3,).
-        mating_position: Position of the mating point [m], shape (3,).
-        mating_velocity: Velocity of the mating point [m/s], shape (3,).
+        *motion: Position [m] and velocity [m/s] of the chaser, then of the mating point, each of shape (3,).
     """
-    return distance(position, mating_position) <= reach and distance(velocity, mating_velocity) <= speed
+    return distance(motion[0], motion[2]) <= reach and distance(motion[1], motion[3]) <= speed
 
 
 @njit
@@ -39,23 +30,14 @@ def is_in_contact(radius: float, clearance: float) -> bool:
 
 
 @njit
-def docking_error(
-    time_scale: float,
-    position: FloatArray,
-    velocity: FloatArray,
-    mating_position: FloatArray,
-    mating_velocity: FloatArray,
-) -> float:
+def docking_error(time_scale: float, *motion: FloatArray) -> float:
     """Return ``sqrt(|p - p_m|^2 + (T |v - v_m|)^2)`` [m].
 
     Args:
         time_scale: Weight T of a relative velocity [s].
-        position: Position p of the chaser [m], shape (3,).
-        velocity: Velocity v of the chaser [m/s], shape (3,).
-        mating_position: Position p_m of the mating point [m], shape (3,).
-        mating_velocity: Velocity v_m of the mating point [m/s], shape (3,).
+        *motion: Position p [m] and velocity v [m/s] of the chaser, then p_m and v_m of the mating point, shape (3,).
     """
-    apart, lag = distance(position, mating_position), time_scale * distance(velocity, mating_velocity)
+    apart, lag = distance(motion[0], motion[2]), time_scale * distance(motion[1], motion[3])
     return math.sqrt(apart * apart + lag * lag)
 
 
@@ -66,8 +48,7 @@ def docking_inputs(before: bool = False) -> tuple[RowInput, RowInput, RowInput, 
         before: Whether to read the values before the step.
     """
     return (
-        OwnArray("position", before),
-        OwnArray("velocity", before),
+        *own_motion(before),
         EnvironmentArray("mating_point_position", before),
         EnvironmentArray("mating_point_velocity", before),
     )

@@ -1,4 +1,4 @@
-"""Shape and inertia of a target, from its model frame M to its principal axes T."""
+"""Shape and inertia of a target, from its model frame M to its principal axes T, and those of Envisat."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from safe_inspect.geometry.box_distance import BoxArrays
-from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, Length, PositiveLength
 
@@ -55,3 +54,15 @@ def boxes_in_principal_axes(boxes: Sequence[TargetBox], scale: float, rotation: 
         scale * model.half_size,
         np.ascontiguousarray(rotation.T[None] @ model.rotation),
     )
+
+
+#: Inertia of Envisat about the centre of mass in its model frame M at full scale [kg m^2], as published for the
+#: e.Deorbit studies.
+ENVISAT_INERTIA = ((17023.3, 397.1, -2171.4), (397.1, 124825.7, 344.2), (-2171.4, 344.2, 129112.2))
+#: Boxes that cover Envisat: bus, solar array, boom and radar antenna; sizes from public drawings, rounded.
+ENVISAT_BOXES = (
+    TargetBox(centre=(-1.14, 0.0, 0.0), half_size=(5.0, 1.375, 1.05)),
+    TargetBox(centre=(12.9, 0.0, 0.0), half_size=(7.0, 2.5, 0.06), roll="22 deg"),
+    TargetBox(centre=(4.88, 0.0, 0.0), half_size=(1.02, 0.15, 0.15)),
+    TargetBox(centre=(-1.14, 0.0, -1.45), half_size=(5.0, 0.65, 0.10)),
+)

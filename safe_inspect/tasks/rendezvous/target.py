@@ -3,35 +3,108 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
 
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
-from safe_inspect.errors import InitialStateError
+from safe_inspect.dynamics.attitude.rigid_body import rotation_row
+from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.simulators.component import Component, RunningComponent
-from safe_inspect.simulators.offers import OfTeam, OfView
-from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import View
-from safe_inspect.simulators.world import World
-from safe_inspect.tasks.rendezvous.envisat import ENVISAT_BOXES, ENVISAT_INERTIA
-from safe_inspect.tasks.rendezvous.motion import TargetArrays, TargetBody, follow_target
-from safe_inspect.tasks.rendezvous.shape import Matrix3, TargetBox, boxes_in_principal_axes
+from safe_inspect.geometry.oriented_boxes import BoxArrays, box_distance
+from safe_inspect.simulators import OfView, OwnOfView, PassiveComponent, RunningComponent, State, View, World
+from safe_inspect.tasks.rendezvous.shape import (
+    ENVISAT_BOXES,
+    ENVISAT_INERTIA,
+    Matrix3,
+    TargetBox,
+    boxes_in_principal_axes,
+)
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import Length, PositiveDuration
+from safe_inspect.units import Length
+
+
+class TargetBody(NamedTuple):
+    """Rigid body in its principal axes T.
+
+    Attributes:
+        inertia: Principal moments, up to a factor, shape (3,).
+        mating_point: Position of the chaser's centre when docked [m], shape (3,).
+        boxes: Shape of the body.
+    """
+
+    inertia: FloatArray
+    mating_point: FloatArray
+    boxes: BoxArrays
+
+
+class TargetArrays(NamedTuple):
+    """Arrays of N environments that describe the target; all but the first two are computed from these two.
+
+    Attributes:
+        orientation: Attitude q_WT, shape (N, 4).
+        angular_velocity: Angular velocity in T [rad/s], shape (N, 3).
+        position: Mating point in W [m], shape (N, 3).
+        velocity: Velocity of the mating point in W [m/s], shape (N, 3).
+        clearance: Signed distance of each chaser's centre to the boxes [m], shape (N, D).
+        least_clearance: Smallest clearance since the reset [m], shape (N, D).
+    """
+
+    orientation: FloatArray
+    angular_velocity: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    clearance: FloatArray
+    least_clearance: FloatArray
+
+
+@njit
+def follow_target(body: TargetBody, dt: float, steps: int, arrays: TargetArrays, chasers: FloatArray) -> None:
+    """Advance the target of each environment without torque, and write the quantities that depend on its attitude.
+
+    Args:
+        body: The target.
+        dt: Step of the integration [s].
+        steps: Number of these steps; 0 leaves the attitude unchanged.
+        arrays: The arrays, read and written.
+        chasers: Positions of the bodies, the chasers first [m], shape (N, B, 3).
+    """
+    j, m = (body.inertia[0], body.inertia[1], body.inertia[2]), body.mating_point
+    for n in range(arrays.orientation.shape[0]):
+        q, w = arrays.orientation[n], arrays.angular_velocity[n]
+        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
+        for _ in range(steps):
+            x = rotation_row(j, x, (0.0, 0.0, 0.0), dt)
+        for i in range(4):
+            q[i] = x[i]
+        for i in range(3):
+            w[i] = x[4 + i]
+        position = rotated(q, m[0], m[1], m[2])
+        velocity = rotated(q, w[1] * m[2] - w[2] * m[1], w[2] * m[0] - w[0] * m[2], w[0] * m[1] - w[1] * m[0])
+        for i in range(3):
+            arrays.position[n, i] = position[i]
+            arrays.velocity[n, i] = velocity[i]
+        for d in range(arrays.clearance.shape[1]):
+            p = rotated_back(q, chasers[n, d, 0], chasers[n, d, 1], chasers[n, d, 2])
+            clearance = box_distance(body.boxes, p[0], p[1], p[2])
+            arrays.clearance[n, d] = clearance
+            arrays.least_clearance[n, d] = min(arrays.least_clearance[n, d], clearance)
+
 
 _TUMBLE = "target_tumble"
+#: Longest step of the fourth-order Runge-Kutta method [s].
+_LONGEST_STEP = 0.5
 _AT_REST: Mapping[str, Any] = {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": 0.0}
 #: Names of the arrays, in the order of `TargetArrays`.
 _OF_TARGET = ("target_orientation", "target_angular_velocity", "mating_point_position", "mating_point_velocity")
 _OF_CHASER = ("clearance", "least_clearance")
 
 
-class TumblingTarget(Component):
+class TumblingTarget(PassiveComponent):
     """Rigid body that tumbles without torque about its centre of mass, the origin of the inertial frame W.
 
         J w' = -w x J w,        q' = q [w, 0] / 2
@@ -48,7 +121,6 @@ class TumblingTarget(Component):
         inertia: Inertia about the centre of mass in M [kg m^2]; a common factor does not matter.
         scale: Size of the target relative to full scale [-].
         mating_point: Position of the chaser's centre when docked, in T [m]; not scaled.
-        integration_step: Longest step of the fourth-order Runge-Kutta method [s].
     """
 
     parameters: ClassVar[Mapping[str, str | None]] = {_TUMBLE: None}
@@ -57,7 +129,6 @@ class TumblingTarget(Component):
     inertia: Matrix3 = ENVISAT_INERTIA
     scale: float = Field(default=0.05, gt=0)
     mating_point: tuple[Length, Length, Length] = (0.0, 0.45, 0.0)
-    integration_step: PositiveDuration = 0.5
 
     @field_validator("inertia")
     @classmethod
@@ -65,21 +136,18 @@ class TumblingTarget(Component):
         principal_axes(np.array(value))
         return value
 
-    def disturbance_bounds(self, limits: MotionLimits) -> DisturbanceBounds:
-        """Return zero bounds: the target does not affect the motion of deputies."""
-        return NO_DISTURBANCE
-
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running target."""
         moments, rotation = principal_axes(np.array(self.inertia))
         boxes = boxes_in_principal_axes(self.boxes, self.scale, rotation)
         body = TargetBody(moments / moments[2], np.array(self.mating_point, dtype=np.float64), boxes)
-        steps = math.ceil(world.step_size / self.integration_step - 1e-9)
+        steps = math.ceil(world.step_size / _LONGEST_STEP - 1e-9)
         return _RunningTarget(body, world.step_size / steps, steps, world.num_deputies)
 
 
 class _RunningTarget(RunningComponent):
     recorded = _OF_TARGET[:2]
+    offered = {**dict.fromkeys(_OF_TARGET, OfView), **dict.fromkeys(_OF_CHASER, OwnOfView)}  # noqa: RUF012 - never written
     figures = {  # noqa: RUF012 - never written
         "mating_point_distance": ("distance to mating point", "m"),
         "mating_point_speed": ("speed at mating point", "m/s"),
@@ -92,11 +160,8 @@ class _RunningTarget(RunningComponent):
         self.arrays = {name: ArraySpec(sizes[name]) for name in (*_OF_TARGET, *_OF_CHASER)}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        drawn = values.get(_TUMBLE, _AT_REST)
-        if not (isinstance(drawn, Mapping) and _AT_REST.keys() <= drawn.keys()):
-            raise InitialStateError(f"`{_TUMBLE}` gives no attitude and angular velocity; use TumbleParameter")
-        state["target_orientation"][...] = drawn["orientation"]
-        state["target_angular_velocity"][...] = drawn["angular_velocity"]
+        orientation, rate = tumble_states(_TUMBLE, values.get(_TUMBLE, _AT_REST))
+        state["target_orientation"][...], state["target_angular_velocity"][...] = orientation, rate
         state["least_clearance"][...] = np.inf
         self._follow(state, 0)
 
@@ -106,17 +171,11 @@ class _RunningTarget(RunningComponent):
     def of_world(self) -> Mapping[str, Any]:
         return {"target_body": self._body}
 
-    def of_view(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfView(name) for name in _OF_TARGET} | {"clearance": _clearance}
-
-    def of_team(self) -> Mapping[str, Callable[[Any], Any]]:
-        return {name: OfTeam(name) for name in self.arrays}
-
     def info(self, view: View) -> dict[str, AnyArray]:
         return {
             "mating_point_distance": lengths(view.position - view.mating_point_position),
             "mating_point_speed": lengths(view.velocity - view.mating_point_velocity),
-            "least_clearance": view.per_agent(view.state["least_clearance"]),
+            "least_clearance": view.least_clearance,
         }
 
     def shared_state(self, team: Any) -> tuple[AnyArray, ...]:
@@ -125,8 +184,3 @@ class _RunningTarget(RunningComponent):
     def _follow(self, state: State, steps: int) -> None:
         arrays = TargetArrays(*(state[name] for name in (*_OF_TARGET, *_OF_CHASER)))
         follow_target(self._body, self._dt, steps, arrays, state.position)
-
-
-def _clearance(view: View) -> FloatArray:
-    """Return the signed distance of each agent's centre to the target [m], shape (R,)."""
-    return view.per_agent(view.state["clearance"])

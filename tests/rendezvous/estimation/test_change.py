@@ -17,10 +17,9 @@ from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
 from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.scenario import checked_target
-from safe_inspect.rendezvous.missions.sensing import SensorSuite, estimator_context
+from safe_inspect.rendezvous.missions.scenario import checked_target, initial_tumbles
 from safe_inspect.rendezvous.missions.summary import attitude_error
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, estimator_context, target_motion
 from safe_inspect.rendezvous.readings import Command
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
@@ -55,7 +54,7 @@ def _watched() -> Iterator[_Seen]:
     run = config.estimator(estimator_context(target, config.chaser, mission, config.sensors, streams))
     sensors = SensorSuite(config.sensors, config.chaser, mission, target, streams, config.estimator.reads)
     times = np.arange(round(_END / mission.step) + 1) * mission.step
-    q, w = target_motion(target.principal, config.tumble(streams), (_CHANGE,), times)
+    q, w = target_motion(target.principal, [value[0] for value in initial_tumbles(config, streams)], (_CHANGE,), times)
     still, place = np.zeros(3), np.array([0.0, -1.5, 0.0])
     chaser = BodyState(place, still, CameraPointing(_LEVEL).step(place, still, 1.0).orientation, still)
     trace = ChaserTrace(*(np.tile(array, (mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))

@@ -7,10 +7,21 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, normalise, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
-from safe_inspect.rendezvous.estimation.fit import FitOptions, Motion, fit_motion, logits_of, ratios_of
-from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
-from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
+from safe_inspect.rendezvous.estimation.characteriser import (
+    KnownBody,
+    PolhodeCharacteriser,
+    angular_velocities,
+    principal_axes_of_motion,
+)
+from safe_inspect.rendezvous.estimation.states import (
+    FitOptions,
+    History,
+    Motion,
+    TargetEstimate,
+    fit_motion,
+    logits_of,
+    ratios_of,
+)
 from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL
 from safe_inspect.types import FloatArray
 

@@ -15,14 +15,14 @@ from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import _MeasuredPosesRun
 from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
-from safe_inspect.rendezvous.missions.sensing import SensorSuite
 from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
-from safe_inspect.rendezvous.missions.truth import MissionTruth, replay, target_motion
-from safe_inspect.rendezvous.plugins import StateEstimator, Tumble
+from safe_inspect.rendezvous.missions.truth import MissionTruth, SensorSuite, replay, target_motion
+from safe_inspect.rendezvous.plugins import StateEstimator
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.sensors.tof import no_frame
+from safe_inspect.simulators.resets.parameters import Parameter
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
@@ -342,7 +342,7 @@ def test_an_estimator_is_given_readings_and_what_is_known_before_alone(
     mission = Mission(config.model_copy(update={"estimator": CuriousEstimator()}), 3)
     mission.run()
     known = [value for one in given for value in _values(one)]
-    assert not any(isinstance(value, (MissionTruth, Tumble, SensorSuite)) for value in known)
+    assert not any(isinstance(value, (MissionTruth, Parameter, SensorSuite)) for value in known)
     (streams,) = (value for value in known if isinstance(value, Streams))
     assert streams.seed != 7
     for purpose in ("tumble.attitude", "imu.bias"):

@@ -18,12 +18,24 @@ from threadpoolctl import threadpool_limits
 from safe_inspect.dynamics.quaternion import exp, from_matrix, multiply
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimation.change import covariance_at
-from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
+from safe_inspect.rendezvous.estimation.characteriser import (
+    KnownBody,
+    PolhodeCharacteriser,
+    angular_velocities,
+    principal_axes_of_motion,
+)
 from safe_inspect.rendezvous.estimation.factors import BiasJump, ImuBuffer
-from safe_inspect.rendezvous.estimation.fit import Motion, inertia_of, logits_of, ratios_of
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
-from safe_inspect.rendezvous.estimation.polhode import angular_velocities, principal_axes_of_motion
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import (
+    CentrePrior,
+    ChaserStart,
+    History,
+    Motion,
+    TargetEstimate,
+    inertia_of,
+    logits_of,
+    ratios_of,
+)
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, perturbed, pose
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun

@@ -12,8 +12,13 @@ from PIL import Image
 
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.experiment import read_target
-from safe_inspect.rendezvous.recording.format import IMU_COLUMNS, TRUTH_COLUMNS, CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.reader import read_sensor_log
+from safe_inspect.rendezvous.recording.reader import (
+    IMU_COLUMNS,
+    TRUTH_COLUMNS,
+    CameraDescription,
+    SensorDescription,
+    read_sensor_log,
+)
 from safe_inspect.rendezvous.recording.record import SensorLogWriter
 
 _CAMERA = CameraDescription(width=10, height=8, fx=12.0, fy=12.0, cx=4.0, cy=3.0, least_range=0.5, largest_range=2.0)
@@ -176,7 +181,7 @@ def test_a_target_is_read_of_a_mesh_or_of_a_key(tmp_path: Path) -> None:
     (tmp_path / "list.yml").write_text("- 3\n")
     (tmp_path / "target.yml").write_text("seed: -3\ntarget: {functor: BoxTarget}\n")
     assert read_target(tmp_path / "BRACKET.OBJ").swept_radius == read_target(bracket).swept_radius
-    assert len(read_target(tmp_path / "target.yml").boxes.centre) == 1
+    assert len(read_target(tmp_path / "target.yml").solid.centre) == 1
     with pytest.raises(
         ConfigError, match=r"list.yml: the file has no key `target`; give a rendezvous experiment, another YAML file"
     ):

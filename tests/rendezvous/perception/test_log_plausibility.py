@@ -12,9 +12,13 @@ import yaml
 
 from safe_inspect.cli.main import main
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.recording.format import TRUTH_COLUMNS, CameraDescription, SensorDescription
 from safe_inspect.rendezvous.recording.plausibility import check_log
-from safe_inspect.rendezvous.recording.reader import read_sensor_log
+from safe_inspect.rendezvous.recording.reader import (
+    TRUTH_COLUMNS,
+    CameraDescription,
+    SensorDescription,
+    read_sensor_log,
+)
 from safe_inspect.rendezvous.recording.record import SensorLogWriter
 from safe_inspect.types import FloatArray
 

@@ -1,19 +1,22 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
 from safe_inspect.rendezvous.front_end.model_registration import _spread_rotations, acquire
-from safe_inspect.rendezvous.front_end.residuals import nearest_faces
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 
 from .conftest import CAMERA, T_BC, Shoot, spin
@@ -28,28 +31,6 @@ def _degrees(first: np.ndarray, second: np.ndarray) -> float:
 def _run(target: Target, streams: Streams, frames: list[DepthFrame], **options: float) -> list[list[Edge]]:
     run = ModelFrontEnd(**options)(FrontEndContext(CAMERA, T_BC, target, streams))
     return [run.step(frame, None, np.eye(3)) for frame in frames]
-
-
-def test_the_nearest_face_is_at_the_distance_of_the_boxes(target: Target) -> None:
-    faces = faces_of(target.boxes)
-    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3))
-    every = np.ones(len(faces.centre), np.bool_)
-    distance = target.boxes.distance(points)
-    _, offset = nearest_faces(faces, every, points.T)
-    outside = distance > 0.0
-    np.testing.assert_allclose(np.linalg.norm(offset, axis=0)[outside], distance[outside], atol=1e-12)
-
-
-def test_points_of_the_surface_lie_on_it(target: Target) -> None:
-    points, normals = surface_points(faces_of(target.boxes), 0.05)
-    # Where boxes overlap, a point of one is inside another.
-    assert target.boxes.distance(points).max() < 1e-9
-    assert target.boxes.distance(points + 1e-3 * normals).max() == pytest.approx(1e-3, rel=1e-6)
-
-
-def test_only_faces_that_look_to_the_camera_are_visible(target: Target) -> None:
-    faces = faces_of(target.boxes)
-    assert faces.looks_to(np.array([10.0, 0.0, 0.0])).sum() < len(faces.centre) / 2
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -217,3 +198,30 @@ def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Targ
         assert offset @ np.linalg.solve(covariance, offset) / 6.0 < 4.0
         x = rotation.T @ np.array([1.0, 0.0, 0.0])  # the strip leads along x of M
         assert np.sqrt(x @ covariance[3:, 3:] @ x) > 0.01
+
+
+_TARGETS = sorted((configs_root() / "tumbling-rendezvous" / "targets").glob("*.yml"))
+
+
+@pytest.mark.parametrize("file", _TARGETS, ids=[file.stem for file in _TARGETS])
+def test_frames_of_any_mesh_are_registered_to_it(file: Path, streams: Streams) -> None:
+    experiment = configs_root() / "tumbling-rendezvous" / "experiment.yml"
+    target = load_rendezvous(experiment, [f"target=!include {file}"]).config.target()
+    assert target.solid.distance((target.R_MT @ target.mating_point)[None])[0] > 0.25 + 0.08
+    registration, cleaning = ModelFrontEnd().registration(target, CAMERA, T_BC), Cleaning(CAMERA, edge=np.inf)
+    renderer, random = TimeOfFlightCamera()(target), np.random.default_rng(5)
+    turns, shifts, nees = [], [], []
+    for number, turn in enumerate(Rotation.random(8, random_state=3).as_rotvec()):
+        truth = inverse(pose(rotation_exp(turn), np.zeros(3))) @ spin(1, first=(0.0, 0.0, 0.0))[0]
+        eye = truth @ T_BC
+        cloud = cleaning(renderer.render(eye[:3, :3], eye[:3, 3], streams, number, 0.0), T_BC)
+        start = perturbed(truth, random.normal(size=6) * np.repeat([np.deg2rad(1.0), 0.01], 3))
+        found = registration(cloud, start, _PRIOR)
+        error = difference(truth, found.pose)
+        turns.append(np.rad2deg(np.linalg.norm(error[:3])))
+        shifts.append(np.linalg.norm(error[3:]))
+        nees.append(error @ np.linalg.solve(found.covariance(), error) / 6.0)
+    assert np.median(turns) < 0.8
+    assert max(turns) < 3.0
+    assert np.median(shifts) < 0.012
+    assert np.median(nees) < 2.5

@@ -20,7 +20,6 @@ from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.faces import faces_of, surface_points
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
 from safe_inspect.rendezvous.front_end.submap import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd, ModelFrontEnd
@@ -125,8 +124,7 @@ def _registrations() -> Any:
             cloud, perturbed(truth, 9.0 * _SMALL), iterations=2, widening=3.0, coarse=True)  # fmt: skip
         between, covariance = relative(fits[0], fits[1])
         found[name] = [*map(_found, fits), between, covariance]
-    faces = faces_of(TARGET.boxes)
-    return [list(found.values()), *faces, *surface_points(faces, 0.11)]
+    return [list(found.values()), registration.surface.patches, *registration.coarse_samples]
 
 
 def _searches() -> Any:

@@ -30,15 +30,16 @@ from safe_inspect.rendezvous.recording.estimation import (
     ONLINE_COLUMNS,
     LogEstimate,
     estimate_log,
+    estimate_table,
     in_principal_axes,
     mating_point_text,
     measured_rates,
     pick_point,
+    summary_of,
+    write_estimate,
 )
-from safe_inspect.rendezvous.recording.format import CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.reader import SensorLog, read_sensor_log
+from safe_inspect.rendezvous.recording.reader import CameraDescription, SensorDescription, SensorLog, read_sensor_log
 from safe_inspect.rendezvous.recording.record import SensorLogWriter, record_watch
-from safe_inspect.rendezvous.recording.report import estimate_table, summary_of, write_estimate
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 

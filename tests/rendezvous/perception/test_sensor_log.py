@@ -12,8 +12,13 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.experiment import read_target
 from safe_inspect.rendezvous.recording.estimation import pick_point
-from safe_inspect.rendezvous.recording.format import FRAME_COLUMNS, IMU_COLUMNS, CameraDescription, SensorDescription
-from safe_inspect.rendezvous.recording.reader import read_sensor_log
+from safe_inspect.rendezvous.recording.reader import (
+    FRAME_COLUMNS,
+    IMU_COLUMNS,
+    CameraDescription,
+    SensorDescription,
+    read_sensor_log,
+)
 from safe_inspect.rendezvous.recording.record import SensorLogWriter
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 
@@ -148,7 +153,7 @@ def test_a_point_is_picked_above_the_surface(tmp_path: Path) -> None:
 
 def test_the_target_of_an_experiment_is_read(tmp_path: Path) -> None:
     expected = EnvisatTarget()()
-    np.testing.assert_array_equal(read_target(_EXPERIMENT).boxes.centre, expected.boxes.centre)
+    np.testing.assert_array_equal(read_target(_EXPERIMENT).solid.centre, expected.solid.centre)
     (tmp_path / "a.yml").write_text("target: {functor: EnvisatTarge}\n")
     with pytest.raises(ConfigError, match=r"a.yml:1 target.*EnvisatTarget"):
         read_target(tmp_path / "a.yml")

@@ -13,7 +13,7 @@ from safe_inspect.dynamics.quaternion import exp
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeCommand, AttitudeController, CameraPointing
-from safe_inspect.rendezvous.control.bound import Bound, ConformalBound
+from safe_inspect.rendezvous.control.bound import Bound, BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import (
     DesignRequest,
     TubeDesign,
@@ -21,14 +21,12 @@ from safe_inspect.rendezvous.control.design import (
     design_tube,
     design_without_tube,
 )
-from safe_inspect.rendezvous.control.tracked import TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
-from safe_inspect.rendezvous.control.trials import BoundQuery, Updates
-from safe_inspect.rendezvous.control.tube import Axis
-from safe_inspect.rendezvous.coordination.coordinator import TABLE
-from safe_inspect.rendezvous.coordination.demands import PlanDemands
+from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.coordination.actions import reference_of, reference_problem
+from safe_inspect.rendezvous.coordination.context import PlanDemands
 from safe_inspect.rendezvous.coordination.escape import departure_velocity, find_escape, remains_clear, safe_radius
-from safe_inspect.rendezvous.coordination.reference import reference_of, reference_problem
+from safe_inspect.rendezvous.coordination.pilot import TABLE
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem, sampled_plan
@@ -51,7 +49,7 @@ def query(**changes: Any) -> PlanQuery:
         angular_velocity=np.deg2rad(5.0) * rate / np.linalg.norm(rate),
         inertia=np.array([0.1314, 0.9661, 1.0]),
         mating_point=np.array([0.25, 0.0, 0.42]),
-        boxes=OrientedBoxes(np.array([[0.1, 0.0, 0.0]]), np.full((1, 3), 0.1), np.eye(3)[None]),
+        solid=OrientedBoxes(np.array([[0.1, 0.0, 0.0]]), np.full((1, 3), 0.1), np.eye(3)[None]),
         R_MT=np.eye(3),
     )
     return replace(base, **changes)
@@ -76,14 +74,15 @@ def _bounds() -> Any:
     root = np.random.default_rng(4).normal(size=(14, 14)) * np.repeat([0.2, 0.02, 1e-3, 4e-3, 1e-3], [2, 3, 3, 3, 3])
     joint = JointErrors(0.02, 1e-3, 4e-3, 0.3, 0.0, 1e-3, 0.1 * root.T @ root)
     cases = {
-        "updates": (errors, Updates(1.0, 0.8), 9.0),
-        "once": (errors, None, 9.5),
-        "exact inertia": (EstimateErrors(0.02, 1e-3), Updates(2.0), 9.0),
-        "joint": (joint, Updates(1.0, 0.5), 9.0),
+        "updates": (errors, (1.0, 0.8), 9.0),
+        "once": (errors, (None,), 9.5),
+        "exact inertia": (EstimateErrors(0.02, 1e-3), (2.0,), 9.0),
+        "joint": (joint, (1.0, 0.5), 9.0),
     }
     found = {}
     for name, (own, updates, mass) in cases.items():
-        one = ConformalBound(epsilon=0.2, trials=24)(BoundQuery(plan(), query().inertia, own, updates, mass), STREAMS)
+        asked = BoundQuery(plan(), query().inertia, own, *updates, mass=mass)
+        one = ConformalBound(epsilon=0.2, trials=24)(asked, STREAMS)
         found[name] = [one.position, one.velocity, one.force, one.level, one.trials]
     return found
 
@@ -113,9 +112,9 @@ def _designs() -> Any:
         "gains": request(gain=stiff),
         "gain that is too stiff": request(gain=np.array([-20.0, -25.0])),
         "force": request(limits=TrackingLimits(force=0.09)),
-        "box": request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
+        "box": request(limits=TrackingLimits(keep_in=np.array([0.8, 1.51, 0.8]))),
         "speed": request(limits=TrackingLimits(speed=0.03)),
-        "no box": request(limits=TrackingLimits(keep_in=None)),
+        "no box": request(limits=TrackingLimits(keep_in=np.full(3, np.inf))),
     }
     found = {name: _design(design_by_clearance(one, (0.2, 0.35, 0.6, 1.0))) for name, one in requests.items()}
     found["greedy"] = _design(design_tube(request(length=2.0, force_error=3e-3), reserve=5.0))
@@ -177,7 +176,7 @@ def _estimate(position: tuple[float, ...], velocity: tuple[float, ...] = (0.0, 0
 
 def _escapes() -> Any:
     target, found = EnvisatTarget(mating_point=(0.25, 0.0, 0.42))(), {}
-    room, strong = Limits(), Limits(force=0.8, keep_in=None)
+    room, strong = Limits(), Limits(force=0.8, keep_in=np.full(3, np.inf))
     for name, estimate, limits, length in (
         ("far", _estimate((0.1, -1.4, 0.2)), room, 1.0),
         ("near", _estimate((0.45, -0.2, 0.35)), room, 1.0),
@@ -206,12 +205,12 @@ def _escapes() -> Any:
 def _departures() -> Any:
     box = np.array([0.8, 3.0, 0.8])
     return [
-        departure_velocity(np.array([0.7, 0.9, -0.5]), 0.02, 60.0),
+        departure_velocity(np.array([0.7, 0.9, -0.5]), 0.02, 60.0, np.full(3, np.inf)),
         departure_velocity(np.array([0.7, 0.9, -0.5]), 0.02, 60.0, box),
         departure_velocity(np.array([0.3, -0.2, 0.79]), 0.05, 20.0, box),
         departure_velocity(np.array([0.0, 0.0, 0.0]), 0.05, 20.0, box),
         departure_velocity(np.array([3.0, -20.0, 6.0]), 0.1, 600.0, np.full(3, 40.0), (1e-3, 500.0)),
-        departure_velocity(np.array([20.0, 1.0, -2.0]), 0.02, 60.0, None, (1.1e-3, 0.0)),
+        departure_velocity(np.array([20.0, 1.0, -2.0]), 0.02, 60.0, np.full(3, np.inf), (1.1e-3, 0.0)),
     ]
 
 
@@ -219,7 +218,7 @@ def _demands() -> Any:
     found: list[Any] = []
     first, times, position = PlanDemands.first(1.5), np.array([0.0, 10.0, 29.0]), np.array([0.75, -1.5, 0.1])
     requests = (
-        request(limits=TrackingLimits(force=0.09)), request(limits=TrackingLimits(keep_in=(0.8, 1.51, 0.8))),
+        request(limits=TrackingLimits(force=0.09)), request(limits=TrackingLimits(keep_in=np.array([0.8, 1.51, 0.8]))),
         request(limits=TrackingLimits(speed=0.03)),
     )  # fmt: skip
     demands = first
@@ -230,7 +229,7 @@ def _demands() -> Any:
             [demands.margin(times), later.margin(times), demands.gain, demands.growth, demands.keep_in, demands.speed,
              demands.force, later.gain, limits.keep_in, limits.speed, limits.planned_force],
         )  # fmt: skip
-    free = demands.limits(Limits(keep_in=None), position)
+    free = demands.limits(Limits(keep_in=np.full(3, np.inf)), position)
     untold = demands.after(design_without_tube(request()))
     return [*found, first.margin(times), free.keep_in, untold.gain, untold.growth, demands.after(
         design_by_clearance(request(), (0.35,))).growth]  # fmt: skip

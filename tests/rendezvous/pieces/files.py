@@ -13,9 +13,8 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous import models, plugins
 from safe_inspect.rendezvous.control.bound import ConformalBound
-from safe_inspect.rendezvous.control.gains import TrackingWeights
-from safe_inspect.rendezvous.control.tracked import TrackingLimits
-from safe_inspect.rendezvous.control.trials import Updates
+from safe_inspect.rendezvous.control.design import tracking_weights
+from safe_inspect.rendezvous.control.tube import TrackingLimits
 from safe_inspect.rendezvous.coordination.pilot import limits_of
 from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
@@ -23,7 +22,7 @@ from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig, is_rendezvous, load_rendezvous
 from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.recording.format import CameraDescription, StartDescription
+from safe_inspect.rendezvous.recording.reader import CameraDescription, StartDescription
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
 from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera
@@ -123,11 +122,11 @@ def _options() -> Any:
     return {model.__name__: _fields(model) for model in (*kinds, *shared)} | {
         "dataclasses": [
             repr(one) for one in (
-                ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingWeights(),
-                TrackingWeights.of_force(0.6), TrackingLimits(), Updates(),
+                ImuNoise(), NoiseProfile(1.0, 2.0), *PROFILES.values(), TrackingLimits(),
                 EstimateErrors(0.1, 0.2),
             )
         ],
+        "weights": [tracking_weights(), tracking_weights(0.6)],
         "limits": [*vars(Limits()).values()],
         "longer": [*vars(limits_of(models.ChaserConfig(radius=0.3), 2.0)).values()],
     }  # fmt: skip

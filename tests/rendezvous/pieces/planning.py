@@ -13,19 +13,19 @@ from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.sensing import SensorSuite
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, target_motion
+from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, target_motion
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts, _PlanUnits, _ranked_problems
 from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
-from safe_inspect.rendezvous.planner.constraints import constraint_rows
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
-from safe_inspect.rendezvous.planner.scp import within_limits
+from safe_inspect.rendezvous.planner.scp import constraint_rows, within_limits
 from safe_inspect.rendezvous.sensors.measured import PoseFrame
 from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
-from safe_inspect.rendezvous.target.model import RandomTumble, Target, TriAxialTumble
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.simulators.resets.parameters import Draw, Parameter
+from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble, TriAxialTumble, tumble_states
 
 from .control import STREAMS, Pieces, query
 
@@ -54,7 +54,7 @@ def _plan(found: Plan) -> Any:
 
 
 def _queries() -> dict[str, PlanQuery]:
-    free = query(boxes=_BOXES)
+    free = query(solid=_BOXES)
     orbit = replace(free, mean_motion=2e-3, durations=(60.0, 50.0), waits=(0.0, 4.0))
     large = Limits(
         speed=1.2,
@@ -73,7 +73,7 @@ def _queries() -> dict[str, PlanQuery]:
         limits=large,
         state=np.repeat([10.0, 1.0], 3) * free.state,
         durations=(80.0,),
-        boxes=OrientedBoxes(10.0 * _BOXES.centre, 10.0 * _BOXES.half_size, _BOXES.rotation),
+        solid=OrientedBoxes(10.0 * _BOXES.centre, 10.0 * _BOXES.half_size, _BOXES.rotation),
         mating_point=10.0 * free.mating_point,
         margin=lambda times: np.full(times.shape, 0.8),
         angular_velocity=0.5 * free.angular_velocity,
@@ -92,7 +92,7 @@ def _plans() -> Any:
     planner = SplineSCPPlanner(control_points=11, samples=31)
     found = {name: _plan(planner(one)) for name, one in _queries().items()}
     several = SplineSCPPlanner(control_points=10, samples=21, multi_start=True)
-    return found | {"several starts": _plan(several(query(boxes=_BOXES, orientation=_BEHIND)))}
+    return found | {"several starts": _plan(several(query(solid=_BOXES, orientation=_BEHIND)))}
 
 
 def _parts_of_plans() -> Any:
@@ -134,11 +134,12 @@ def _parts_of_plans() -> Any:
 
 
 def _refusals() -> Any:
-    free, limits = query(boxes=_BOXES), Limits()
+    free, limits = query(solid=_BOXES), Limits()
     moving = np.array([0.1, -1.5, 0.2, 0.0, 0.1, 0.0])
+    unboxed = replace(limits, keep_in=np.full(3, np.inf))
     at_start = [
         replace(free, state=np.array([0.81, -1.5, 0.0, 0.0, 0.0, 0.0])),
-        replace(free, limits=replace(limits, keep_in=None), state=np.array([0.0, -9.0, 0.0, 0.0, 0.0, 0.0])),
+        replace(free, limits=unboxed, state=np.array([0.0, -9.0, 0.0, 0.0, 0.0, 0.0])),
         replace(free, state=2.0 * moving),
         replace(free, state=np.array([0.0, -0.55, 0.0, 0.0, 0.0, 0.0])),
         replace(free, limits=replace(limits, least_range=1.6)),
@@ -168,10 +169,10 @@ def _refusals() -> Any:
 
 
 def _target(target: Target) -> Any:
+    points = np.array([[0.9, 0.2, -0.3], [-0.4, 0.6, 0.1], [0.05, 0.0, 0.02], [0.3, 0.21, 0.0]])
     return [
-        target.boxes.centre,
-        target.boxes.half_size,
-        target.boxes.rotation,
+        *target.solid.distances(points),
+        target.solid.vertices,
         target.mesh.corners,
         target.inertia,
         target.principal,
@@ -182,6 +183,10 @@ def _target(target: Target) -> Any:
     ]
 
 
+def _tumble(plugin: Parameter, streams: Streams) -> Any:
+    return tuple(value[0] for value in tumble_states("tumble", plugin(Draw(streams, "tumble"))))
+
+
 def _targets() -> Any:
     boxes = (
         Box(half_size=(0.3, 0.2, 0.1)),
@@ -190,16 +195,20 @@ def _targets() -> Any:
     path = str(Path(__file__).with_name("bracket.obj"))
     streams = Streams(3, np.zeros(1, np.int64), np.array([2]))
     times = np.array([0.0, 1.0, 2.0, 5.0, 9.0])
-    tumbling = TriAxialTumble(rate=0.1)(streams)
+    tumbling = _tumble(TriAxialTumble(rate=0.1), streams)
     return {
         "boxes": _target(BoxTarget(boxes=boxes)()),
         "given": _target(
             BoxTarget(boxes=boxes, inertia=((2, 0.1, 0), (0.1, 3, 0), (0, 0, 4)), mating_point=(0.4, 0, 0.1))()
         ),
         "envisat": _target(EnvisatTarget(scale=0.1)()),
-        "mesh": _target(MeshTarget(path=path, boxes=4)()),
-        "mesh, given": _target(MeshTarget(path=path, scale=0.5, inertia=((2, 0, 0), (0, 3, 0), (0, 0, 4)), boxes=1)()),
-        "tumbles": [tumbling, TriAxialTumble(attitude=(0.6, 0.0, 0.0, 0.8))(streams), RandomTumble()(streams)],
+        "mesh": _target(MeshTarget(path=path)()),
+        "mesh, given": _target(MeshTarget(path=path, scale=0.5, inertia=((2, 0, 0), (0, 3, 0), (0, 0, 4)))()),
+        "tumbles": [
+            tumbling,
+            _tumble(TriAxialTumble(attitude=(0.6, 0.0, 0.0, 0.8)), streams),
+            _tumble(RandomTumble(), streams),
+        ],
         "struck": target_motion(np.array([0.2, 0.9, 1.0]), tumbling, (1.5, 5.0), times),
     }
 

@@ -22,7 +22,7 @@ def query():
         angular_velocity=np.deg2rad(5.0) * np.array([0.7, 0.5, 0.5]) / np.linalg.norm([0.7, 0.5, 0.5]),
         inertia=np.array([0.1314, 0.9661, 1.0]),
         mating_point=np.array([0.25, 0.0, 0.42]),
-        boxes=OrientedBoxes(
+        solid=OrientedBoxes(
             np.array([[-0.057, 0.0, 0.0], [0.645, 0.0, 0.0]]),
             np.array([[0.25, 0.069, 0.053], [0.35, 0.125, 0.003]]),
             np.stack((np.eye(3), np.eye(3))),

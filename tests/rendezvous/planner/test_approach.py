@@ -22,7 +22,7 @@ def _clearance(query, plan):
     p, _, _ = plan.path.at(times)
     q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], plan.t_start - query.t0 + times)
     in_target = rotate(conjugate(q[0]), p)
-    return query.boxes.distance(in_target @ query.R_MT.T) - query.limits.radius - query.margin(times)
+    return query.solid.distance(in_target @ query.R_MT.T) - query.limits.radius - query.margin(times)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -64,7 +64,7 @@ def test_derivatives_in_the_targets_frame_are_those_of_its_positions(query):
 
 
 def test_a_turned_world_gives_the_turned_plan(query):
-    limits = Limits(keep_in=None, speed=1.0, planned_force=1.0)
+    limits = Limits(keep_in=np.full(3, np.inf), speed=1.0, planned_force=1.0)
     asked, turn = query(2, limits=limits), normalise(np.array([0.3, 0.1, -0.4, 0.8]))
     turned = replace(
         asked,
@@ -112,21 +112,6 @@ def test_what_is_wrong_with_the_mating_point_is_said(query):
         assert message in plan.report.message
         assert not plan.solved
         assert plan.path is None
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"state": np.zeros(5)}, "state must be finite"),
-        ({"state": np.full(6, np.nan)}, "state must be finite"),
-        ({"mating_point": np.zeros(3)}, "must not be the target's centre of mass"),
-        ({"durations": ()}, "at least one of each"),
-        ({"waits": (-1.0,)}, "waits not negative"),
-    ],
-)
-def test_a_query_that_makes_no_sense_is_rejected(query, changes, message):
-    with pytest.raises(ValueError, match=message):
-        query(0, **changes)
 
 
 def test_what_is_wrong_with_the_start_is_said(query):
@@ -221,9 +206,7 @@ def test_the_cost_is_the_integral_of_the_squared_force(query):
     assert slope == pytest.approx(((problem.hessian @ plan.path.points) * change).sum(), rel=1e-6)
 
 
-def test_an_orbiting_frame_and_a_missing_library_are_named(query, monkeypatch):
-    with pytest.raises(ValueError, match=r"on an orbit .* limits.keep_in must be given"):
-        query(0, mean_motion=1e-3, limits=Limits(keep_in=None))
+def test_a_missing_library_is_named(monkeypatch):
     with pytest.raises(ImportError, match=r"install the extra: pip install .\[rendezvous\]"):
         libraries.require("no_such_library")
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from safe_inspect.rendezvous.planner.constraints import _cone_rows, _line_of_sight_rows, constraint_rows
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits
+from safe_inspect.rendezvous.planner.scp import _cone_rows, _line_of_sight_rows, constraint_rows
 
 STEP = 1e-6
 

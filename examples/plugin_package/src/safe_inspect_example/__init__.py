@@ -7,7 +7,7 @@ from safe_inspect_example.metrics import PathLength, TeamSpread
 from safe_inspect_example.noise import ThrustNoise
 from safe_inspect_example.normalizers import TanhNormalizer
 from safe_inspect_example.orbits import SchweighartSedwick
-from safe_inspect_example.platforms import CubeSat, PulsedThrust, ThrustUnit
+from safe_inspect_example.platforms import CubeSat, ThrustUnit
 from safe_inspect_example.policies import BrakingPolicy
 from safe_inspect_example.resets import LogUniformParameter, RingInitializer
 from safe_inspect_example.rewards import SpeedLimitReward
@@ -25,7 +25,6 @@ __all__ = [
     "LogUniformParameter",
     "OnOffGlue",
     "PathLength",
-    "PulsedThrust",
     "RangeRateSensor",
     "RingInitializer",
     "ScatteredDone",

@@ -1,7 +1,7 @@
 """A noise: thrusters whose thrust varies in every step, for the `disturbance` of a simulator."""
 
 from safe_inspect.compiling import njit
-from safe_inspect.random.balls import normal_at
+from safe_inspect.random.splitmix import normal_at
 from safe_inspect.simulators import Component, RunningComponent
 from safe_inspect.units import NonNegativeForce
 

@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.platforms import Controller, Platform, Property, Sensor
+from safe_inspect.platforms import Controller, Platform, Sensor
 from safe_inspect.units import PositiveForce, PositiveMass
 
 
@@ -43,25 +43,3 @@ class ThrustUnit(Controller):
     def __call__(self, values):
         """Return the thrust [N], shape (R, 3)."""
         return np.clip(values, *self.limits)
-
-
-class PulsedThrust(Property):
-    """A thrust in whole steps: what a `RateController` commands with `property_class: PulsedThrust`.
-
-    Attributes:
-        name: Label of the property.
-        largest: Largest thrust [N].
-        step: Size of a step [N].
-    """
-
-    largest: PositiveForce = 0.5
-    step: PositiveForce = 0.1
-
-    @property
-    def limits(self):
-        """Smallest and largest thrust [N]."""
-        return -self.largest, self.largest
-
-    def __call__(self, value):
-        """Return the thrust rounded to a step [N], same shape."""
-        return np.clip(np.round(value / self.step) * self.step, *self.limits)

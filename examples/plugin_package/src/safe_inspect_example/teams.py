@@ -4,7 +4,7 @@ import numpy as np
 
 from safe_inspect.dones import DoneStatus, SharedDoneFunction
 from safe_inspect.rta import TeamSafety
-from safe_inspect.rta.team import TeamFiltered
+from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.units import PositiveLength
 
 #: Distance [m] used for a deputy without another.

@@ -16,11 +16,11 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.certified import COLLISION
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, ClosedNode, Margins, SunAngle, sun_axes
-from safe_inspect.rta.filters.backup.arcs import turned
+from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.filters.backup.half_spaces import further_closed_motion
+from safe_inspect.rta.filters.backup.holds import turned
 from safe_inspect.rta.filters.backup.model import FINE_NODES, FINEST, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.filters.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
 from safe_inspect.types import FloatArray, IntArray
@@ -55,7 +55,7 @@ def _node(n: float, x: RowState, sun: SunAngle, cos: float, sin: float) -> Close
 
 @njit(**INLINED)
 def _store(work: FloatArray, i: int, at: ClosedNode) -> None:
-    work[i, 1], work[i, 2], work[i, 3] = at.position
+    work[i, 1], work[i, 2], work[i, 3] = at.state
     work[i, 4], work[i, 5] = at.sun
     work[i, 6], work[i, 7], work[i, 8], work[i, 9] = at.range, at.speed, at.along, at.across
 
@@ -77,7 +77,7 @@ def _copy(work: FloatArray, source: int, target: int) -> None:
 def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, span: float) -> ClosedCell:
     """Return the cell of the given angle between two nodes, with the bounds that they give."""
     k = 0.125 * span * span
-    p, q = a.position, b.position
+    p, q = a.state, b.state
     ex, ey, ez = p[0] + q[0], p[1] + q[1], p[2] + q[2]
     size = math.sqrt(ex * ex + ey * ey + ez * ez)
     scale = 1.0 / size

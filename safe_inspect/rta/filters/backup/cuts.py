@@ -2,7 +2,8 @@
 
 The state of a hold is affine in the control, so the supporting direction d of a constraint at one moment gives a
 half-space d.(free motion + input u) >= need. For a speed or the largest range, it contains every safe control; for the
-range, the sun cone and passive safety, all of its controls are safe at that moment.
+range, the sun cone and passive safety, all of its controls are safe at that moment. The slack that a backup plan leaves
+to its constraints is a piecewise smooth function of the control; it is linearised by differences.
 """
 
 from __future__ import annotations
@@ -11,14 +12,24 @@ import math
 from typing import NamedTuple
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, PSM
+from safe_inspect.dynamics.coasting import closed_motion_state
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, direction, node
-from safe_inspect.rta.filters.backup.arcs import held, turned
-from safe_inspect.rta.filters.backup.half_spaces import half_space, needed
-from safe_inspect.rta.filters.backup.holds import coasted
-from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, FilterModel
-from safe_inspect.rta.filters.backup.sequences import support_of
+from safe_inspect.rta.constraints.sets import CERTIFIED, COLLISION, PSM
+from safe_inspect.rta.filters.backup.half_spaces import further_slack, half_space, needed
+from safe_inspect.rta.filters.backup.holds import coasted, held, turned
+from safe_inspect.rta.filters.backup.model import (
+    CLOSED,
+    FINE_NODES,
+    FURTHER,
+    HOLD_PIECES,
+    ORBIT_CELLS,
+    PLAN,
+    FilterModel,
+)
+from safe_inspect.rta.filters.backup.plans import ORDER, QUICK, plan_thrust, size_of
+from safe_inspect.rta.filters.backup.sequences import bits_of, least_slack, slack_of, support_of
+from safe_inspect.rta.filters.backup.tracking import tracking_thrust, widened
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.types import FloatArray
 
@@ -159,3 +170,152 @@ def cut_broken(
     if m.near_psm > 0.0 and count > before:
         bits |= 1 << PSM
     return count, bits
+
+
+#: Weight of a newton of remaining thrust relative to distances [m].
+_METRES_PER_NEWTON = 100.0
+#: Bits of the constraints that are speeds.
+_SPEEDS = bits_of("allowed_speed")
+_NO_MARGINS = Margins(0.0, 0.0, 0.0)
+#: Step of the differences [N].
+_STEP = 1e-4
+
+
+@njit(**BORROWING)
+def _slack(m: FilterModel, at: Node, code: int) -> float:
+    """Return the distance of a constraint from violation [m]; a speed counts as the range of such a motion."""
+    if code >= FURTHER:
+        return float(further_slack(m, code, at.state))
+    return float(slack_of(m.constraints, code, at))
+
+
+@njit(**BORROWING)
+def _excess(m: FilterModel, w: FloatArray) -> float:
+    """Return the slack of the thrusters, in metres, for a plan's thrust."""
+    return float(_METRES_PER_NEWTON * (m.u_max - max(abs(w[0]), max(abs(w[1]), abs(w[2])))))
+
+
+@njit(**BORROWING)
+def _least_slack(m: FilterModel, at: Node) -> tuple[float, int]:
+    """Return the least slack of all constraints [m], and the code of that constraint."""
+    least, which = least_slack(m.constraints, at)
+    for code in range(FURTHER, FURTHER + m.further):
+        value = further_slack(m, code, at.state)
+        if value < least:
+            least, which = value, code
+    return least, which
+
+
+@njit(**BORROWING)
+def _orbit_node(n: float, begin: RowState, start: SunAngle, cos: float, sin: float) -> Node:
+    """Return the node of a plan's closed motion at the angle with the given cosine and sine."""
+    return node(closed_motion_state(n, begin, cos, sin), turned(start, cos, sin))
+
+
+@njit(**BORROWING)
+def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) -> tuple[int, int]:
+    """Return the plan with the largest least slack over the nodes of its orbit, and the constraint with that slack."""
+    best, best_plan, best_code = -math.inf, 0, COLLISION
+    for rank in range(QUICK):
+        plan = ORDER[rank]
+        plan_thrust(m, after, plan, w)
+        least, tightest, which = _excess(m, w), math.inf, COLLISION
+        if least <= best:
+            continue
+        begin = held(m, after, w, HOLD_PIECES)
+        for place in range(ORBIT_CELLS):
+            node = 5 * place % ORBIT_CELLS
+            cos, sin = m.orbit[node, 0], m.orbit[node, 1]
+            value, code = _least_slack(m, _orbit_node(m.n, begin, start, cos, sin))
+            if value < tightest:
+                tightest, which = value, code
+            if value < least:
+                least = value
+                if least <= best:
+                    break
+        if least > best:
+            best, best_plan, best_code = least, plan, which
+    return best_plan, best_code
+
+
+@njit(**BORROWING)
+def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> int:
+    """Return the constraint with the least slack on the best plan after a hold."""
+    k = HOLD_PIECES
+    start = turned(turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1]), m.hold_sun[k, 0], m.hold_sun[k, 1])
+    return _best_plan(m, held(m, x, u, k), start, s.w)[1]
+
+
+@njit(**BORROWING)
+def cut_recovery(
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
+) -> tuple[int, int]:  # fmt: skip
+    """Append half-spaces that make the best plan after a hold safe if it is not; return the count and the code.
+
+    The slacks at the nodes of the plan's orbit, and that of the thrusters, are linearised in the control by
+    differences.
+    """
+    w = s.w
+    effort = size_of(u)
+    sun_b = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    after = held(m, x, u, HOLD_PIECES)
+    plan, which = _best_plan(m, after, start, w)
+    plan_thrust(m, after, plan, w)
+    b, over = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    tube = widened(m, _NO_MARGINS, CLOSED, effort, size_of(w))
+    spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
+    # The same after a small step of the control along each axis.
+    u[0] += _STEP
+    after = held(m, x, u, HOLD_PIECES)
+    u[0] -= _STEP
+    plan_thrust(m, after, plan, w)
+    b0, over0 = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    u[1] += _STEP
+    after = held(m, x, u, HOLD_PIECES)
+    u[1] -= _STEP
+    plan_thrust(m, after, plan, w)
+    b1, over1 = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    u[2] += _STEP
+    after = held(m, x, u, HOLD_PIECES)
+    u[2] -= _STEP
+    plan_thrust(m, after, plan, w)
+    b2, over2 = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    if over < spare:
+        count = _add_linear((over, over0, over1, over2), spare, u, s, count)
+    for code in range(FURTHER + m.further):
+        if not m.active >> code & 1:
+            continue
+        previous, falling = math.inf, False
+        wanted = margin + (tube.speed / m.n if _SPEEDS >> code & 1 else tube.coasting)
+        for place in range(FINE_NODES + 1):
+            cos, sin = m.fine[place % FINE_NODES, 0], m.fine[place % FINE_NODES, 1]
+            here = _slack(m, _orbit_node(m.n, b, start, cos, sin), code)
+            # Only nodes at which the slack has a local minimum are used.
+            if falling and here >= previous and previous < wanted:
+                cos, sin = m.fine[place - 1, 0], m.fine[place - 1, 1]
+                slacks = (
+                    previous,
+                    _slack(m, _orbit_node(m.n, b0, start, cos, sin), code),
+                    _slack(m, _orbit_node(m.n, b1, start, cos, sin), code),
+                    _slack(m, _orbit_node(m.n, b2, start, cos, sin), code),
+                )
+                count = _add_linear(slacks, wanted, u, s, count)
+            falling = here < previous
+            previous = here
+    return count, which
+
+
+@njit(**BORROWING)
+def _add_linear(
+    slacks: tuple[float, float, float, float], margin: float, u: FloatArray, s: Workspace, count: int
+) -> int:  # fmt: skip
+    """Append slack >= margin, given the slack at u and after a small step along each axis; return the new count."""
+    if count >= s.bounds.shape[0]:
+        return count
+    here, rows = slacks[0], s.rows
+    rows[count, 0], rows[count, 1], rows[count, 2] = (
+        (slacks[1] - here) / _STEP, (slacks[2] - here) / _STEP, (slacks[3] - here) / _STEP
+    )  # fmt: skip
+    s.bounds[count] = margin - here + rows[count, 0] * u[0] + rows[count, 1] * u[1] + rows[count, 2] * u[2]
+    return count + 1

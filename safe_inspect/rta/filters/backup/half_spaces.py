@@ -17,7 +17,7 @@ from numba import float64, int64
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.compiling.addresses import call_at, compiled_at, on_stack, pointer, read_number
 from safe_inspect.dynamics.coasting import closed_motion_state
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.constraints.base import HalfSpace
 from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest
@@ -103,16 +103,22 @@ def further_broken(m: FilterModel, x: RowState, margins: Margins) -> int:
 
 
 @njit(**BORROWING)
+def _between(a: RowState, b: RowState) -> RowState:
+    """Return the state in the middle of two states."""
+    return (
+        0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]),
+        0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5]),
+    )  # fmt: skip
+
+
+@njit(**BORROWING)
 def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     """Return the code of a further constraint that the ends of a cell cannot certify, or SAFE."""
     a, b = cell.a.state, cell.b.state
     ax, ay, az = cell.acceleration_a
     bx, by, bz = cell.acceleration_b
     eighth, k, reach = cell.eighth, cell.k, cell.reach
-    middle = (
-        0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]),
-        0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5]),
-    )  # fmt: skip
+    middle = _between(a, b)
     for code in range(FURTHER, FURTHER + m.further):
         h = half_space(m, code, middle)
         position, velocity = sizes(h)
@@ -142,11 +148,7 @@ def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
             h = half_space(m, code, b)
             if not along(h, b) >= needed(h, margins):
                 return code
-            middle = (
-                0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]),
-                0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]), 0.5 * (a[5] + b[5]),
-            )  # fmt: skip
-            h = half_space(m, code, middle)
+            h = half_space(m, code, _between(a, b))
             position, velocity = sizes(h)
             k = 0.125 * ((end - place) * (2.0 * math.pi / FINEST)) ** 2
             lower = min(h[0] * a[0] + h[1] * a[1] + h[2] * a[2], h[0] * b[0] + h[1] * b[1] + h[2] * b[2])

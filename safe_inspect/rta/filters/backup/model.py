@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.rta.constraints.certified import CERTIFIED, COLLISION, NAMES
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.constraints.sets import CERTIFIED, COLLISION, NAMES
 from safe_inspect.types import FloatArray
 
 #: Code of the first further constraint; see `half_spaces`.

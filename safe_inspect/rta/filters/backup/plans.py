@@ -13,11 +13,10 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState, cwh_row
+from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.constraints.rows import INLINED, Margins, SunAngle
-from safe_inspect.rta.filters.backup.arcs import held, turned
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion, refuted
-from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.holds import held, hold, turned
 from safe_inspect.rta.filters.backup.model import (
     CLOSED,
     CROSS,
@@ -30,8 +29,8 @@ from safe_inspect.rta.filters.backup.model import (
     FilterModel,
 )
 from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.tracking import tracking_thrust, widened
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
-from safe_inspect.rta.filters.tube.margins import tracking_thrust, widened
 from safe_inspect.types import FloatArray
 
 NO_PLAN = -1

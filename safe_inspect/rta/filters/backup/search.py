@@ -14,17 +14,15 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import Margins, SunAngle, scaled
-from safe_inspect.rta.filters.backup.arcs import held, turned
-from safe_inspect.rta.filters.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold
-from safe_inspect.rta.filters.backup.holds import hold
+from safe_inspect.rta.filters.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold, tightest
+from safe_inspect.rta.filters.backup.holds import held, hold, turned
 from safe_inspect.rta.filters.backup.model import HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
-from safe_inspect.rta.filters.backup.plan_cuts import tightest
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, STAY, find_plan, size_of
 from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
-from safe_inspect.rta.filters.tube.margins import widened
+from safe_inspect.rta.filters.backup.tracking import widened
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int, copy
 from safe_inspect.rta.numerics.projection import nearest
 from safe_inspect.types import FloatArray
 
@@ -113,13 +111,10 @@ def propose(
         if count == before:
             break
         for _ in range(_POLISH):
-            if not nearest(
-                s.rows, s.bounds, count, m.u_max, s.desired, as_bool(False), s.proposal, s.missed, s.projection
-            ):
+            if not nearest(s.rows, s.bounds, count, m.u_max, s.desired, as_bool(False), s.proposal, s.projection):
                 return bits, False
             moved = math.sqrt(squared(s.proposal, u))
-            for axis in range(3):
-                u[axis] = s.proposal[axis]
+            copy(s.proposal, u)
             if moved < _STILL:
                 break
             before = count
@@ -138,8 +133,8 @@ def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -
     """Copy `s.trial` to the best control if it is verified; return the plan after it, or NO_PLAN."""
     found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
     if found != NO_PLAN:
-        for axis in range(3):
-            s.best[axis], s.plan[axis] = s.trial[axis], s.w[axis]
+        copy(s.trial, s.best)
+        copy(s.w, s.plan)
     return int(found)
 
 
@@ -207,8 +202,8 @@ def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspa
     Returns:
         Whether the control differs from the backup; the thrust of the plan after it is then in `s.plan`.
     """
-    for axis in range(3):
-        s.best[axis], s.proposal[axis] = s.backup[axis], u[axis]
+    copy(s.backup, s.best)
+    copy(u, s.proposal)
     least, smallest = math.sqrt(squared(u, s.desired)), _SMALLEST * m.u_max
     low, high, plan, moved = 0.0, 1.0, as_int(STAY), False
     for _ in range(_HALVINGS):
@@ -230,6 +225,5 @@ def search(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspa
             length *= -_SHRINK
             continue
         plan, moved, away = found, True, math.sqrt(squared(s.best, s.desired))
-    for axis in range(3):
-        u[axis] = s.best[axis]
+    copy(s.best, u)
     return moved

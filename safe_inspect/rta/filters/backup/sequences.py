@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from safe_inspect.compiling import Kernel, generate
-from safe_inspect.rta.constraints.certified import CERTIFIED
 from safe_inspect.rta.constraints.rows import INLINED
+from safe_inspect.rta.constraints.sets import CERTIFIED
 
 #: Value instead of a code if nothing is rejected.
 SAFE = -1

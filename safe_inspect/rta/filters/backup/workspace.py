@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiling import njit
+from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK
 from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.numerics.projection import ProjectionWorkspace, projection_workspace
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: Largest number of half-spaces of one row's quadratic programme.
 MAX_HALF_SPACES = 48
@@ -27,7 +27,6 @@ class Workspace(NamedTuple):
         at: Where the hold of a plan was rejected, shape (2,).
         rows: Normals of the half-spaces, shape (M, 3).
         bounds: Right-hand sides of the half-spaces, shape (M,).
-        missed: Half-spaces that were violated, shape (M,).
         projection: For `nearest`.
         d: A direction of states, shape (6,).
         w: A control or point, shape (3,), as are the following arrays; `lead` and `then` are those of `plans`.
@@ -40,7 +39,6 @@ class Workspace(NamedTuple):
     at: IntArray
     rows: FloatArray
     bounds: FloatArray
-    missed: BoolArray
     projection: ProjectionWorkspace
     d: FloatArray
     w: FloatArray
@@ -60,10 +58,17 @@ def workspace(most: int) -> Workspace:
     return Workspace(
         np.empty(NODE_STACK), np.zeros((PLANS + 1, 2), np.int64),
         np.empty((64, 4), np.int64), np.empty(2, np.int64), np.empty(2, np.int64),
-        np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_), projection_workspace(most),
+        np.empty((most, 3)), np.empty(most), projection_workspace(most),
         np.empty(6), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3),
         np.empty(3), np.empty(3),
     )  # fmt: skip
+
+
+@njit(**BORROWING)
+def copy(source: AnyArray, target: AnyArray) -> None:
+    """Copy the elements of an array to another one of that size."""
+    for k in range(source.shape[0]):
+        target[k] = source[k]
 
 
 @njit(error_model="numpy")

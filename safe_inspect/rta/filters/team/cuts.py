@@ -10,20 +10,19 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
-from safe_inspect.dynamics.cwh_row import RowState
-from safe_inspect.rta.constraints.certified import COLLISION
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import Margins, SunAngle
-from safe_inspect.rta.filters.backup.arcs import held, turned
-from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold
+from safe_inspect.rta.constraints.sets import COLLISION
+from safe_inspect.rta.filters.backup.cuts import Refusal, cut_broken, cut_hold, cut_recovery
+from safe_inspect.rta.filters.backup.holds import held, turned
 from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
-from safe_inspect.rta.filters.backup.plan_cuts import cut_recovery
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
 from safe_inspect.rta.filters.backup.sequences import SAFE
+from safe_inspect.rta.filters.backup.tracking import widened
 from safe_inspect.rta.filters.backup.workspace import Workspace, as_bool, as_int
 from safe_inspect.rta.filters.team.plans import farthest_plans, minus
 from safe_inspect.rta.filters.team.tracking import beside, state_of
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
-from safe_inspect.rta.filters.tube.margins import widened
 
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Slack required of a plan at the nodes of its orbit [m], to cover the motion between them.

@@ -7,16 +7,16 @@ import math
 import numpy as np
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.rta.constraints.certified import COLLISION, PSM
+from safe_inspect.dynamics.cwh import row_state
 from safe_inspect.rta.constraints.rows import SunAngle, scaled
+from safe_inspect.rta.constraints.sets import COLLISION, PSM
 from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, STAY
-from safe_inspect.rta.filters.backup.returning import return_control
-from safe_inspect.rta.filters.backup.rows import BACKUP, DESIRED, NEAREST, RETURN
+from safe_inspect.rta.filters.backup.rows import BACKUP, DESIRED, NEAREST, RETURN, return_control
 from safe_inspect.rta.filters.backup.search import MARGINS
-from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, workspace
+from safe_inspect.rta.filters.backup.tracking import remembers, tracking
+from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, copy, workspace
 from safe_inspect.rta.filters.team.cuts import cut_ends, cut_holds, cut_plans
-from safe_inspect.rta.filters.team.order import enter
 from safe_inspect.rta.filters.team.plans import (
     FOUND,
     PASSED,
@@ -25,9 +25,8 @@ from safe_inspect.rta.filters.team.plans import (
     joint_plan,
     tested,
 )
-from safe_inspect.rta.filters.team.tracking import begin_plans, remember_plans, state_of, tracked_backup
+from safe_inspect.rta.filters.team.tracking import begin_plans, enter, remember_plans, state_of, tracked_backup
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace, team_workspace
-from safe_inspect.rta.filters.tube.rows import remembers, tracking
 from safe_inspect.rta.numerics.active_set import nearest_joint
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -61,18 +60,6 @@ def _squared(a: FloatArray, b: FloatArray) -> float:
 
 
 @njit(**BORROWING)
-def _copy(source: FloatArray, target: FloatArray) -> None:
-    for k in range(source.shape[0]):
-        target[k] = source[k]
-
-
-@njit(**BORROWING)
-def _keep(source: IntArray, target: IntArray) -> None:
-    for k in range(source.shape[0]):
-        target[k] = source[k]
-
-
-@njit(**BORROWING)
 def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Workspace) -> bool:
     """Search for a joint control by cutting planes; return whether `t.control` is one, with its plan in `t.plan`.
 
@@ -81,7 +68,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
     """
     margins = scaled(MARGINS, _EXTRA)
     count, unrecovered = as_int(0), 0
-    _copy(t.desired, t.control)
+    copy(t.desired, t.control)
     for attempt in range(_ROUNDS):
         most = as_int(PLANS) if attempt == 0 else as_int(QUICK)
         verdict, stuck, alone = tested(g, sun, t.control, MARGINS, most, as_int(_TURNS), True, t, s)
@@ -99,7 +86,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
             if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.qp):
                 return False
             moved = math.sqrt(_squared(t.trial, t.control))
-            _copy(t.trial, t.control)
+            copy(t.trial, t.control)
             if moved < _STILL:
                 break
             before = count
@@ -116,9 +103,9 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
         return False
     if tested(g, sun, t.trial, MARGINS, as_int(_FEW), as_int(_TURNS), False, t, s)[0] != PASSED:
         return False
-    _copy(t.trial, t.best)
-    _keep(t.plan, t.kept)
-    _keep(t.plan, t.hint)
+    copy(t.trial, t.best)
+    copy(t.plan, t.kept)
+    copy(t.plan, t.hint)
     return True
 
 
@@ -133,7 +120,7 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
         Whether the control differs from the backup.
     """
     deputies, better = t.x.shape[0], False
-    _copy(t.backup, t.best)
+    copy(t.backup, t.best)
     for i in range(deputies):
         t.hint[i] = NO_PLAN if t.fixed[i] else STAY
         t.kept[i] = t.hint[i]
@@ -153,7 +140,7 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
         if t.fixed[i] or deputies == 1:
             continue
         for share in (1.0, 0.5):
-            _copy(t.best, t.trial)
+            copy(t.best, t.trial)
             for k in range(3 * i, 3 * i + 3):
                 t.trial[k] = t.best[k] + share * (t.control[k] - t.best[k])
             if _better(g, sun, t, s):
@@ -174,8 +161,7 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
         stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
         if stuck == FOUND:
             for i in range(t.x.shape[0]):
-                for axis in range(3):
-                    t.backup[3 * i + axis] = t.thrust[i, t.plan[i], axis]
+                copy(t.thrust[i, t.plan[i]], t.backup[3 * i : 3 * i + 3])
             return True
     return False
 
@@ -186,12 +172,10 @@ def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None
     farthest_plans(g, t.x, sun, scaled(MARGINS, 0.5), as_int(PLANS), t, s)
     for i in range(t.x.shape[0]):
         if t.plan[i] != NO_PLAN:
-            for axis in range(3):
-                t.best[3 * i + axis] = t.thrust[i, t.plan[i], axis]
+            copy(t.thrust[i, t.plan[i]], t.best[3 * i : 3 * i + 3])
         else:
             t.bits[i] |= return_control(g.one, state_of(t.x, i), sun, t.u, s)
-            for axis in range(3):
-                t.best[3 * i + axis] = t.u[axis]
+            copy(t.u, t.best[3 * i : 3 * i + 3])
         t.kept[i] = NO_PLAN
 
 
@@ -224,8 +208,8 @@ def filter_team_rows(
                 break
         if done:
             stage[row] = NEAREST if any_bits else DESIRED
-            _copy(t.control, t.best)
-            _keep(t.plan, t.kept)
+            copy(t.control, t.best)
+            copy(t.plan, t.kept)
         elif tracks_plans and tracked_backup(g, gain, plans, t):
             stage[row] = BACKUP
             moved = _between(g, sun, t, s)
@@ -241,13 +225,9 @@ def filter_team_rows(
             i = t.order[place]
             refused[row, i] = t.bits[place]
             memory[row, i] = 0 if t.fixed[place] else t.kept[place] + 1
-            for axis in range(3):
-                control[row, i, axis] = t.best[3 * place + axis]
+            copy(t.best[3 * place : 3 * place + 3], control[row, i])
             if t.fixed[place] and remembers(plans[i]):  # The thrust of its plan is applied with tracking.
-                x = (
-                    position[row, i, 0], position[row, i, 1], position[row, i, 2],
-                    velocity[row, i, 0], velocity[row, i, 1], velocity[row, i, 2],
-                )  # fmt: skip
+                x = row_state(position[row, i], velocity[row, i])
                 tracking(g.one, gain, x, plans[i], control[row, i])
         if tracks_plans:
             remember_plans(g.one, plans, moved, stage[row] == RETURN, t, s)

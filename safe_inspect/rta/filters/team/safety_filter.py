@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.errors import did_you_mean
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.constraints.certified import COLLISION, NAMES, PSM
-from safe_inspect.rta.constraints.deputies import DEPUTY_RADIUS
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.sets import constraint_set, gives_half_space, name_of
+from safe_inspect.rta.constraints.ranges import DEPUTY_RADIUS
+from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_set, name_of
+from safe_inspect.rta.filters.backup.deviations import starting_tube, tube_of
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.base import check_used, compiled
-from safe_inspect.rta.filters.tube.safety_filter import MEMORY, TubeFilter
-from safe_inspect.rta.filters.tube.tables import starting_tube, tube_of
+from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter
+from safe_inspect.rta.filters.base import as_columns, check_used, checked, compiled, differs
 from safe_inspect.simulators.arrays import for_kernel
+from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Constraints of a pair, each with the constraint of a single deputy that applies with the other deputy as the chief.
@@ -63,6 +61,17 @@ class TeamState:
                 f"got {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
             )
 
+    @classmethod
+    def beside(cls, state: RelativeState, others_position: FloatArray, others_velocity: FloatArray) -> TeamState:
+        """Return the motion of one deputy, which becomes the first, and of others that coast, shape (R, D - 1, 3)."""
+        coasting = np.ones((len(state), others_position.shape[1] + 1), np.bool_)
+        coasting[:, 0] = False
+        return cls(
+            np.concatenate((state.position[:, None], others_position), axis=1),
+            np.concatenate((state.velocity[:, None], others_velocity), axis=1),
+            state.sun_angle, coasting,
+        )  # fmt: skip
+
     def __len__(self) -> int:
         return len(self.position)
 
@@ -104,7 +113,6 @@ class TeamResult:
         backup: Environments in which the backup determined the thrusts, shape (N,).
         active: Bits of the constraints that rejected a deputy's desired thrust, bit j for the j-th name, shape (N, D).
         plan: Joint plan of the next state, for the next call; zeros where there is none, shape (N, D).
-        names: The names of the constraints.
         tracks: Plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance.
     """
 
@@ -113,7 +121,6 @@ class TeamResult:
     backup: BoolArray
     active: IntArray
     plan: IntArray
-    names: tuple[str, ...]
     tracks: FloatArray | None = None
 
 
@@ -141,8 +148,8 @@ class TeamFilter:
     past, or for 4 orbits.
 
     Under a disturbance, the joint plan is stored and tracked, and everything is certified with the width of the tube
-    about it, for pairs with the widths of both, as `TubeFilter` does for one deputy. Deputies that coast then continue
-    to track their plans.
+    about it, for pairs with the widths of both, as `BackupFilter` does for one deputy. Deputies that coast then
+    continue to track their plans.
 
     If there is no joint plan, the environment is infeasible. Each deputy then applies a plan that is safe by itself and
     far from the others, or, if there is none, the return control of the single filter.
@@ -169,22 +176,16 @@ class TeamFilter:
             parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
             names: Constraints of the single filter and those of `PAIR_CONSTRAINTS`, by name or built.
             deputy_radius: Radius about each deputy [m], the default of constraints between deputies.
-            disturbance: Bounds of each deputy's disturbances, as with `TubeFilter`; None: an exact model.
+            disturbance: Bounds of each deputy's disturbances, as with `BackupFilter`; None: an exact model.
 
         Raises:
             ValueError: An argument is wrong, or a constraint is one that the filter cannot enforce.
         """
         entries = tuple(names)
         self.names = tuple(map(name_of, entries))
-        known = (*NAMES, *PAIR_CONSTRAINTS)
-        for name, entry in zip(self.names, entries, strict=True):
-            if name not in known and not gives_half_space(entry):
-                raise ValueError(f"the team's filter cannot enforce {name!r}; {did_you_mean(name, known)}")
-        if not (np.isfinite(deputy_radius) and deputy_radius > 0.0):
-            raise ValueError(f"deputy_radius must be positive and finite [m], got {deputy_radius}")
         self.deputy_radius = float(deputy_radius)
         own = [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS]
-        self.alone = BackupFilter(parameters, own) if disturbance is None else TubeFilter(parameters, own, disturbance)
+        self.alone = BackupFilter(parameters, own, disturbance=disturbance)
         p = self.alone.parameters
         between = [entry for entry in entries if name_of(entry) in PAIR_CONSTRAINTS]
         check_used(between)
@@ -197,7 +198,7 @@ class TeamFilter:
             about[PAIR_CONSTRAINTS[name]] = pair.about_other
         one, two = build_model(p, self.alone.constraints), build_model(p, about)
         self._models = self._starts = one, two
-        if isinstance(self.alone, TubeFilter):
+        if self.alone.tracker is not None:
             tube = tube_of(two, self.alone.tracker, about)
             starting = starting_tube(two, self.alone.tracker, tube, about)
             self._models = one._replace(tube=self.alone.tube), two._replace(tube=tube)
@@ -233,7 +234,7 @@ class TeamFilter:
             raise ValueError(f"the plans of {shape[0]} environments must have shape {shape[:2]}, got {memory.shape}")
         control, refused, stage = np.empty(shape), np.empty(shape[:2], np.int64), np.empty(shape[0], np.int64)
         gain, tracked = np.zeros((3, 6)), np.empty((0, 0, 0))
-        if isinstance(self.alone, TubeFilter):
+        if self.alone.tracker is not None:
             gain, tracked = self.alone.tracker.gain, np.zeros((*shape[:2], MEMORY))
             if tracks is not None:
                 tracked[...] = tracks
@@ -246,8 +247,7 @@ class TeamFilter:
         for code, j in self._codes.items():
             active |= (refused >> code & 1) << j
         return TeamResult(
-            control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, self.names,
-            tracked if len(tracked) else None,
+            control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, tracked if len(tracked) else None
         )  # fmt: skip
 
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
@@ -265,23 +265,65 @@ class TeamFilter:
         control = _checked(state, control)
         return self._rows(state, control, np.zeros(control.shape[:2], np.int64), False)
 
-    def phi(self, state: TeamState) -> dict[str, FloatArray]:
-        """Return each constraint's least safety quantity phi over the team, >= 0 where safe, shape (N,).
+    def decentralised(
+        self, state: RelativeState, desired: FloatArray, others_position: FloatArray, others_velocity: FloatArray
+    ) -> FilterResult:  # fmt: skip
+        """Return the nearest thrusts of one deputy of each environment that are safe if the others coast.
+
+        The hold must satisfy every constraint, and the distance from the others on their coasting motion, at every
+        moment, and leave a backup plan that satisfies both. What the others do instead of coasting is unknown: two
+        deputies that thrust towards each other can come too near, or reach states without a plan.
+
+        Args:
+            state: The states of R deputies.
+            desired: Their desired thrusts [N], Hill frame, shape (R, 3).
+            others_position: Positions of the other deputies [m], Hill frame, shape (R, D - 1, 3).
+            others_velocity: Their velocities [m/s], Hill frame, shape (R, D - 1, 3).
+
+        Raises:
+            ValueError: The shapes differ, or a number is not finite.
+        """
+        desired = checked(state, desired)
+        team = TeamState.beside(state, others_position, others_velocity)
+        wanted = np.zeros(team.position.shape)
+        wanted[:, 0] = desired
+        result = self(team, wanted)
+        control = np.ascontiguousarray(result.control[:, 0])
+        return FilterResult(
+            control=control,
+            intervening=differs(control, desired),
+            infeasible=result.infeasible,
+            backup=result.backup,
+            active=np.ascontiguousarray(result.active[:, 0]),
+            phi=as_columns(list(self.phi(team, 1).values()), len(state)),
+            names=self.names,
+        )
+
+    def looks(self, state: TeamState, deputies: int | None = None) -> Iterator[tuple[str, Constraint, RelativeState]]:
+        """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair.
+
+        Args:
+            state: The states of N environments.
+            deputies: Number of deputies, from the first, that are tested, with all others; None: all of them.
+        """
+        count = state.position.shape[1]
+        for i in range(count if deputies is None else deputies):
+            alone = state.alone(i)
+            yield from ((name, constraint, alone) for name, constraint in self.alone.constraints.items())
+            for j in range(i + 1, count):
+                relative = state.relative(i, j)
+                yield from ((name, pair, relative) for name, pair in self.pair_constraints.items())
+
+    def phi(self, state: TeamState, deputies: int | None = None) -> dict[str, FloatArray]:
+        """Return each constraint's least safety quantity phi over the team, >= 0 where safe, shape (N,); see `looks`.
 
         A single deputy has no constraints of pairs. Deputies that coast count too.
         """
-        deputies = state.position.shape[1]
-        counted = [name for name in self.names if deputies > 1 or name not in self.pair_constraints]
-        least = {name: np.full(len(state), np.inf) for name in counted}
-        for i in range(deputies):
-            alone = state.alone(i)
-            for name, constraint in self.alone.constraints.items():
-                least[name] = np.minimum(least[name], constraint.phi(alone))
-            for j in range(i + 1, deputies):
-                relative = state.relative(i, j)
-                for name, pair in self.pair_constraints.items():
-                    least[name] = np.minimum(least[name], pair.phi(relative))
-        return least
+        least: dict[str, FloatArray] = {}
+        for name, constraint, seen in self.looks(state, deputies):
+            phi = constraint.phi(seen)
+            least[name] = np.minimum(least[name], phi) if name in least else phi
+        return {name: least[name] for name in self.names if name in least}
 
     @property
     def _model(self) -> Any:

@@ -1,20 +1,27 @@
-"""Joint plans that are stored and tracked, and the tubes about them, compiled."""
+"""Order of the deputies in the team's filter, and joint plans that are tracked, with the tubes about them; compiled."""
 
 from __future__ import annotations
 
 import math
 
 from safe_inspect.compiling import BORROWING, njit
-from safe_inspect.dynamics.cwh_row import RowState
+from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.constraints.rows import Margins
-from safe_inspect.rta.filters.backup.arcs import held
-from safe_inspect.rta.filters.backup.model import CLOSED, FIRST_PLAN, HOLD, HOLD_PIECES, PLAN, FilterModel
-from safe_inspect.rta.filters.backup.plans import plan_thrust
-from safe_inspect.rta.filters.backup.workspace import Workspace, as_int
+from safe_inspect.rta.filters.backup.holds import held
+from safe_inspect.rta.filters.backup.model import CLOSED, FIRST_PLAN, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
+from safe_inspect.rta.filters.backup.plans import NO_PLAN, plan_thrust
+from safe_inspect.rta.filters.backup.tracking import (
+    begin_plan,
+    follow_plan,
+    forget,
+    plan_after,
+    remembers,
+    tracking,
+    widened,
+)
+from safe_inspect.rta.filters.backup.workspace import Workspace, as_int, copy
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace
-from safe_inspect.rta.filters.tube.margins import widened
-from safe_inspect.rta.filters.tube.rows import begin_plan, follow_plan, forget, plan_after, remembers, tracking
-from safe_inspect.types import FloatArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 
 @njit(**BORROWING)
@@ -45,14 +52,12 @@ def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWo
     for place in range(t.x.shape[0]):
         plan = tracks[t.order[place]]
         if t.fixed[place]:  # Its state is that of its plan, which has that thrust.
-            for axis in range(3):
-                t.u[axis] = t.desired[3 * place + axis]
+            copy(t.desired[3 * place : 3 * place + 3], t.u)
         elif remembers(plan):
             tracking(g.one, gain, state_of(t.x, place), plan, t.u)
         else:
             return False
-        for axis in range(3):
-            t.backup[3 * place + axis] = t.u[axis]
+        copy(t.u, t.backup[3 * place : 3 * place + 3])
     return True
 
 
@@ -77,3 +82,51 @@ def remember_plans(m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, 
             plan_after(m, state_of(t.x, place), u, t.u, plan)
         elif remembers(plan):
             follow_plan(m, plan, s.trial, s.w)
+
+
+@njit(**BORROWING)
+def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
+    if fixed[i] != fixed[j]:
+        return bool(fixed[i])
+    a, b = 0.0, 0.0
+    for axis in range(3):
+        a += position[i, axis] ** 2
+        b += position[j, axis] ** 2
+    return a < b
+
+
+@njit(**BORROWING)
+def enter(
+    m: FilterModel, position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
+    tracks: FloatArray, t: TeamWorkspace,
+) -> None:  # fmt: skip
+    """Sort an environment's deputies into the order of the filter: those that coast first, then by range.
+
+    The result therefore does not depend on the order of the deputies, unless two have exactly the same range. A deputy
+    that coasts, but for which a plan is stored, applies the hold of that plan first, because the others assume it. For
+    a deputy that tracks its plan, `tracks` of shape (D, 10), the state is that of the plan.
+    """
+    for place in range(position.shape[0]):
+        t.order[place] = place
+    for place in range(1, position.shape[0]):
+        i, k = t.order[place], place
+        while k > 0 and _before(position, fixed, i, t.order[k - 1]):
+            t.order[k] = t.order[k - 1]
+            k -= 1
+        t.order[k] = i
+    for place in range(position.shape[0]):
+        i = t.order[place]
+        t.fixed[place], t.bits[place] = fixed[i], 0
+        t.hint[place] = memory[i] - 1
+        if t.hint[place] < 0 or t.hint[place] >= PLANS:
+            t.hint[place] = NO_PLAN
+        for axis in range(3):
+            t.x[place, axis], t.x[place, 3 + axis] = position[i, axis], velocity[i, axis]
+            t.u[axis] = 0.0 if fixed[i] else desired[i, axis]
+        if fixed[i] and remembers(tracks[i]):
+            copy(tracks[i, :6], t.x[place])
+            copy(tracks[i, 6:9], t.u)
+        elif fixed[i] and t.hint[place] != NO_PLAN:
+            plan_thrust(m, state_of(t.x, place), t.hint[place], t.u)
+        for axis in range(3):
+            t.desired[3 * place + axis] = min(max(t.u[axis], -m.u_max), m.u_max)

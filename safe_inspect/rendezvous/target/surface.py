@@ -1,0 +1,167 @@
+"""The known surface of a target: its triangles, the patches that they form, and points on them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from safe_inspect.rendezvous.target.model import TriangleMesh
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+#: Angle between the normals of neighbouring triangles above which their common edge is sharp [rad].
+_SHARP = np.deg2rad(30.0)
+
+
+class SurfacePoints(NamedTuple):
+    """Points on a surface, in the model's frame M.
+
+    Attributes:
+        points: Positions [m], shape (n, 3).
+        normals: Outward normals, shape (n, 3).
+        triangles: Indices of the triangles, shape (n,).
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    triangles: IntArray
+
+    def facing(self, position: FloatArray) -> SurfacePoints:
+        """Return the points whose outer side looks to a position [m], shape (3,)."""
+        faces = dot(self.normals.T, (position - self.points).T) > 0.0
+        return SurfacePoints(self.points[faces], self.normals[faces], self.triangles[faces])
+
+    def thinned(self, cell: float) -> SurfacePoints:
+        """Return one of the points in each cube of a side [m] whose normals are alike."""
+        cubes = np.column_stack([np.floor(self.points / cell), np.round(self.normals)])
+        kept = np.sort(np.unique(cubes, axis=0, return_index=True)[1])
+        return SurfacePoints(self.points[kept], self.normals[kept], self.triangles[kept])
+
+
+class Offsets(NamedTuple):
+    """Positions relative to the triangles nearest to them.
+
+    Attributes:
+        triangles: Indices of the triangles, shape (n,).
+        height: Signed height above the triangle's plane [m], shape (n,).
+        beyond: Vector from the triangle's nearest sharp edge along its plane [m], 0 within it, shape (3, n).
+    """
+
+    triangles: IntArray
+    height: FloatArray
+    beyond: FloatArray
+
+
+class Surface:
+    """A surface of triangles in the model's frame M.
+
+    Triangles whose normals differ by less than 30 degrees from those of their neighbours form a patch: the face of a
+    box, or the side of a cylinder. An edge between two patches is sharp.
+
+    Args:
+        mesh: The triangles.
+
+    Attributes:
+        corners: Corners of the triangles [m], shape (F, 3, 3).
+        normals: Their outward normals, shape (F, 3).
+        patches: Number of the patch of each triangle, shape (F,).
+        sharp: Whether each edge, from a corner to the next one, is sharp, shape (F, 3).
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        corners = mesh.corners
+        sides = np.roll(corners, -1, axis=1) - corners
+        area = np.cross(sides[:, 0], sides[:, 1])
+        solid = np.linalg.norm(area, axis=1) > 1e-12 * np.square(corners).max()
+        self.corners: FloatArray = corners[solid]
+        self.normals: FloatArray = area[solid] / np.linalg.norm(area[solid], axis=1, keepdims=True)
+        self.patches, self.sharp, self._neighbours = _patches(mesh.faces[solid], self.normals)
+        self._sides = sides[solid]
+        self._squares = np.square(self._sides).sum(axis=2)
+        self._outwards = np.cross(self._sides, self.normals[:, None])
+
+    def sample(self, radius: float) -> SurfacePoints:
+        """Return grids of points on the triangles, with their borders.
+
+        Each place of a triangle is within `radius` [m] of a point of its grid, and each place of a side within `radius`
+        of a point on that side.
+        """
+        points, triangles = [], []
+        # A grid cell of sides up to a lies within a / sqrt(3) of its corners.
+        steps = np.ceil(np.sqrt(self._squares.max(axis=1) / 3.0) / radius).astype(int)
+        for index, (count, corners) in enumerate(zip(steps, self.corners, strict=True)):
+            i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
+            points.append(np.stack([count - i - j, i, j], axis=1) / count @ corners)
+            triangles.append(np.full(len(i), index))
+        of = np.concatenate(triangles)
+        return SurfacePoints(np.concatenate(points), self.normals[of], of)
+
+    def nearest(self, samples: SurfacePoints, positions: FloatArray, *, coarse: bool = False) -> Offsets:
+        """Return positions relative to the nearest of the triangles that carry samples.
+
+        The nearest sample gives a triangle, which is compared with its neighbours.
+
+        Args:
+            samples: Points on the triangles that count; at least one.
+            positions: Positions in M [m], shape (3, n).
+            coarse: Whether to take the triangle of the nearest sample without a comparison.
+        """
+        tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
+        first = samples.triangles[tree.query(positions.T)[1]]
+        counts = np.zeros(len(self.corners), np.bool_)
+        counts[samples.triangles] = True
+        near = first[:, None] if coarse else np.column_stack([first, self._neighbours[first]])
+        near = np.where(counts[near], near, first[:, None]).T  # candidate, position
+        height, beyond, sharp = self._offset(near, positions[:, None])
+        best = (height * height + dot(beyond, beyond)).argmin(axis=0), np.arange(len(first))
+        return Offsets(near[best], height[best], np.where(sharp[best], beyond[:, *best], 0.0))
+
+    def _offset(self, triangles: IntArray, positions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return heights [m], shape (c, n), vectors along the planes [m], (3, c, n), and if their edge is sharp."""
+        normals = self.normals.T[:, triangles]
+        least = np.full(triangles.shape, np.inf)
+        beyond = np.zeros((3, *triangles.shape))
+        outside, sharp = np.zeros(triangles.shape, np.bool_), np.zeros(triangles.shape, np.bool_)
+        for edge in range(3):
+            from_corner = positions - self.corners[:, edge].T[:, triangles]
+            side = self._sides[:, edge].T[:, triangles]
+            if edge == 0:
+                height = dot(from_corner, normals)
+            outside |= dot(from_corner, self._outwards[:, edge].T[:, triangles]) > 0.0
+            along = np.clip(dot(from_corner, side) / self._squares[:, edge][triangles], 0.0, 1.0)
+            offset = from_corner - along * side - height * normals
+            square = dot(offset, offset)
+            # Beyond a corner, two edges are equally near; the corner is sharp if one of them is.
+            tie = np.abs(square - least) <= 1e-9 * square
+            nearer = (square < least) & ~tie
+            sharp = np.where(nearer, self.sharp[:, edge][triangles], sharp | (tie & self.sharp[:, edge][triangles]))
+            beyond, least = np.where(nearer, offset, beyond), np.where(nearer, square, least)
+        return height, np.where(outside, beyond, 0.0), sharp & outside
+
+
+def dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the dot products of vectors, shape (3, ...), without BLAS, whose rounding depends on the processor."""
+    return np.asarray(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
+
+
+def _patches(faces: IntArray, normals: FloatArray) -> tuple[IntArray, BoolArray, IntArray]:
+    """Return what the edges between the triangles tell.
+
+    Returns:
+        The patch of each triangle, shape (F,); whether each of its edges is sharp, shape (F, 3); and the triangles
+        beyond them, the triangle itself where there is none, shape (F, 3).
+    """
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    order = np.argsort(edge, kind="stable")
+    pairs = np.stack([order[:-1], order[1:]])[:, edge[order[:-1]] == edge[order[1:]]]
+    neighbours = np.repeat(np.arange(len(faces)), 3)
+    neighbours[pairs] = pairs[::-1] // 3
+    smooth = (normals[pairs // 3].prod(axis=0)).sum(axis=1) > np.cos(_SHARP)
+    sharp = np.ones(edge.size, np.bool_)
+    sharp[pairs[:, smooth]] = False
+    links = coo_array((np.ones(smooth.sum()), pairs[:, smooth] // 3), shape=(len(faces), len(faces)))
+    return connected_components(links, directed=False)[1], sharp.reshape(-1, 3), neighbours.reshape(-1, 3)

@@ -1,1 +1,0 @@
-"""Tubes about backup plans: bounds on the effect of a disturbance on a deputy that tracks its plan."""
