@@ -16,7 +16,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     PHASE_COLOURS,
     PLANNED,
     TUBE,
-    Solid,
+    DrawnSolid,
     best_view,
     camera_cone,
     chaser_solid,
@@ -90,7 +90,7 @@ def mission_data(record: MissionRecord) -> dict[str, Any]:
     }
 
 
-def _solid(solid: Solid) -> dict[str, Any]:
+def _solid(solid: DrawnSolid) -> dict[str, Any]:
     return {name: rounded(getattr(solid, name), 4) for name in solid._fields}
 
 

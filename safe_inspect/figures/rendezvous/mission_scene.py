@@ -32,7 +32,7 @@ _TARGET_INK, _CHASER_INK = np.array([0.72, 0.75, 0.80]), np.array([0.98, 0.86, 0
 _CONE = 2.0
 
 
-class Solid(NamedTuple):
+class DrawnSolid(NamedTuple):
     """A closed surface, divided into patches for painting.
 
     Attributes:
@@ -48,7 +48,7 @@ class Solid(NamedTuple):
     edges: FloatArray
 
     @classmethod
-    def of(cls, surface: Surface, rotation: FloatArray, cell: float) -> Solid:
+    def of(cls, surface: Surface, rotation: FloatArray, cell: float) -> DrawnSolid:
         """Return a surface divided into patches of about a given size [m], after a rotation, shape (3, 3)."""
         patches, normals, edges = [], [], []
         for corners, normal, sharp in zip(surface.corners, surface.normals, surface.sharp, strict=True):
@@ -111,7 +111,7 @@ def _parts(corners: FloatArray, count: int) -> FloatArray:
     return np.asarray(corners[0] + places @ (corners[1:] - corners[0]))
 
 
-def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
+def best_view(path: FloatArray, solid: DrawnSolid, rotation: FloatArray) -> Camera:
     """Return the view in which most of a path is visible and its end is far from the origin, from slightly above.
 
     Args:
@@ -128,17 +128,17 @@ def best_view(path: FloatArray, solid: Solid, rotation: FloatArray) -> Camera:
     return max((Camera.at(e, a) for e in (20.0, 35.0) for a in range(-180, 180, 15)), key=seen)
 
 
-def target_solid(record: MissionRecord) -> Solid:
+def target_solid(record: MissionRecord) -> DrawnSolid:
     """Return the target's known shape in T."""
     target = record.target
-    return Solid.of(Surface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
+    return DrawnSolid.of(Surface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
 
 
-def chaser_solid(radius: float) -> Solid:
+def chaser_solid(radius: float) -> DrawnSolid:
     """Return the cube, in B, that is inscribed in the sphere of a given radius [m], which encloses the chaser."""
     half = radius / np.sqrt(3.0)
     cube = mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
-    return Solid.of(Surface(cube), np.eye(3), half)
+    return DrawnSolid.of(Surface(cube), np.eye(3), half)
 
 
 def camera_cone(record: MissionRecord) -> FloatArray:
@@ -313,7 +313,7 @@ class SceneArtists:
             artist.set_zorder((2.5 if behind else 6.0) + 0.1 * k)
 
 
-def _paint(faces: Any, edges: Any, solid: Solid, view: Camera, place: FloatArray, ink: FloatArray) -> None:
+def _paint(faces: Any, edges: Any, solid: DrawnSolid, view: Camera, place: FloatArray, ink: FloatArray) -> None:
     corners, brightness = solid.seen_patches(view)
     colours = np.clip(brightness[:, None] * ink, 0.0, 1.0)
     faces.set_verts(list(corners + place))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.rendezvous.target.surface import Surface
@@ -29,6 +28,8 @@ class MeshSolid:
     """
 
     def __init__(self, bodies: list[Any]) -> None:
+        from scipy.spatial import cKDTree  # slow to import
+
         self._bodies = bodies
         self._spacing = _SPACING * float(np.linalg.norm(self.vertices, axis=1).max())
         self._trees = []
@@ -65,7 +66,7 @@ class MeshSolid:
         """Return a lower bound of the signed distance to the union [m], shape (N,), of points, shape (N, 3)."""
         return np.asarray(self.distances(points)[0].min(axis=1))
 
-    def _to_body(self, body: Any, tree: cKDTree, depth: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _to_body(self, body: Any, tree: Any, depth: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         length, nearest = tree.query(points)
         gradient = (points - tree.data[nearest]) / np.maximum(length, 1e-12)[:, None]
         sign = np.ones(len(points))

@@ -5,9 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -109,6 +106,8 @@ class Surface:
             positions: Positions in M [m], shape (3, n).
             coarse: Whether to take the triangle of the nearest sample without a comparison.
         """
+        from scipy.spatial import cKDTree  # slow to import
+
         tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
         first = samples.triangles[tree.query(positions.T)[1]]
         counts = np.zeros(len(self.corners), np.bool_)
@@ -154,6 +153,9 @@ def _patches(faces: IntArray, normals: FloatArray) -> tuple[IntArray, BoolArray,
         The patch of each triangle, shape (F,); whether each of its edges is sharp, shape (F, 3); and the triangles
         beyond them, the triangle itself where there is none, shape (F, 3).
     """
+    from scipy.sparse import coo_array  # slow to import
+    from scipy.sparse.csgraph import connected_components
+
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     _, edge = np.unique(edges, axis=0, return_inverse=True)
     order = np.argsort(edge, kind="stable")
