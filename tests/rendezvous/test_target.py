@@ -22,7 +22,7 @@ from safe_inspect.rendezvous.target.boxes import (
 from safe_inspect.rendezvous.target.mesh import MeshTarget, _read_mesh
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.rendezvous.target.solid import MeshSolid
-from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, boxes_in_model
 
 
@@ -175,13 +175,13 @@ def test_triangles_form_patches_up_to_sharp_edges(tmp_path: Path) -> None:
         (trimesh.creation.box(), 6), (trimesh.creation.cylinder(radius=0.3, height=1.0, sections=24), 3),
         (trimesh.creation.icosphere(subdivisions=2), 1),
     ):  # fmt: skip
-        surface = Surface(TriangleMesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)))
+        surface = MeshSurface(TriangleMesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)))
         assert len(set(surface.patches.tolist())) == count
 
 
 def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:
     boxes = aligned_boxes(np.zeros((1, 3)), np.array([[0.5, 0.3, 0.1]]))
-    surface = Surface(mesh_of_boxes(boxes))
+    surface = MeshSurface(mesh_of_boxes(boxes))
     samples = surface.sample(0.02)
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3))
     triangles, height, beyond = surface.nearest(samples, points.T)
@@ -197,7 +197,7 @@ def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:
 
 def test_samples_are_as_dense_as_asked_and_lie_on_the_surface() -> None:
     boxes = EnvisatTarget()().solid
-    surface = Surface(mesh_of_boxes(boxes))
+    surface = MeshSurface(mesh_of_boxes(boxes))
     samples = surface.sample(0.05)
     # Where boxes overlap, a point of one is inside another.
     assert boxes.distance(samples.points).max() < 1e-9

@@ -13,7 +13,7 @@ from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move
 from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate, measured_rates
 from safe_inspect.rendezvous.recording.reader import TRUTH_PARTS, SensorLog
-from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray
 
 _AXIS_COLOURS = (BLUE, GREEN, VERMILION)
@@ -68,7 +68,7 @@ def _draw_frame(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
     target = estimate.target_model
     if edge is not None and target is not None:
         T_CM = T_CB @ inverse(edge.pose)  # noqa: N806
-        surface = Surface(target.shape)
+        surface = MeshSurface(target.shape)
         for triangle, edge_index in np.argwhere(surface.sharp):
             ends = surface.corners[triangle][[edge_index, (edge_index + 1) % 3]]
             axes.plot(*_project(log, move(T_CM, ends)).T, color=VERMILION, linewidth=0.8)

@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
 from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
-from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 #: Largest number of patches along an edge of a triangle.
@@ -48,7 +48,7 @@ class DrawnSolid(NamedTuple):
     edges: FloatArray
 
     @classmethod
-    def of(cls, surface: Surface, rotation: FloatArray, cell: float) -> DrawnSolid:
+    def of(cls, surface: MeshSurface, rotation: FloatArray, cell: float) -> DrawnSolid:
         """Return a surface divided into patches of about a given size [m], after a rotation, shape (3, 3)."""
         patches, normals, edges = [], [], []
         for corners, normal, sharp in zip(surface.corners, surface.normals, surface.sharp, strict=True):
@@ -131,14 +131,14 @@ def best_view(path: FloatArray, solid: DrawnSolid, rotation: FloatArray) -> Came
 def target_solid(record: MissionRecord) -> DrawnSolid:
     """Return the target's known shape in T."""
     target = record.target
-    return DrawnSolid.of(Surface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
+    return DrawnSolid.of(MeshSurface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
 
 
 def chaser_solid(radius: float) -> DrawnSolid:
     """Return the cube, in B, that is inscribed in the sphere of a given radius [m], which encloses the chaser."""
     half = radius / np.sqrt(3.0)
     cube = mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
-    return DrawnSolid.of(Surface(cube), np.eye(3), half)
+    return DrawnSolid.of(MeshSurface(cube), np.eye(3), half)
 
 
 def camera_cone(record: MissionRecord) -> FloatArray:

@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.front_end.residuals import RangeNoise, silhouette_r
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
@@ -63,7 +63,7 @@ class ModelRegistration:
         k: float,
         cut: float = _CUT,
     ) -> None:
-        self.surface = Surface(target.shape)
+        self.surface = MeshSurface(target.shape)
         self.samples, self.coarse_samples = (
             self.surface.sample(0.5 * side * target.swept_radius).thinned(side * target.swept_radius)
             for side in (_SPACING, _COARSE_SPACING)

@@ -12,7 +12,7 @@ import numpy as np
 
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
-from safe_inspect.rendezvous.target.surface import Surface, SurfacePoints, dot
+from safe_inspect.rendezvous.target.surface import MeshSurface, SurfacePoints, dot
 from safe_inspect.types import FloatArray
 
 #: Limit of the distance of a point in the score [m].
@@ -84,7 +84,7 @@ class Residuals(NamedTuple):
 
 
 def surface_residuals(
-    surface: Surface,
+    surface: MeshSurface,
     samples: SurfacePoints,
     transform: FloatArray,
     cloud: Cloud,
@@ -104,7 +104,7 @@ def surface_residuals(
         transform: T_MB, shape (4, 4).
         cloud: The measured points.
         noise: Error model of the camera.
-        coarse: Whether to find the nearest triangle approximately, see `Surface.nearest`.
+        coarse: Whether to find the nearest triangle approximately, see `MeshSurface.nearest`.
 
     Returns:
         The residuals, the distances of all points to the surface, each at most `FAR` [m], shape (n,), and the number of

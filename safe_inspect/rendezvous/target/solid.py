@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rendezvous.target.model import TriangleMesh
-from safe_inspect.rendezvous.target.surface import Surface
+from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray
 
 #: Largest distance of a surface from the points that represent it, relative to the largest distance from the origin.
@@ -35,7 +35,7 @@ class MeshSolid:
         self._trees = []
         for body in bodies:
             mesh = TriangleMesh(np.asarray(body.vertices, np.float64), np.asarray(body.faces, np.int64))
-            self._trees.append(cKDTree(Surface(mesh).sample(self._spacing).points))
+            self._trees.append(cKDTree(MeshSurface(mesh).sample(self._spacing).points))
         self._depths = [0.5 * float(body.extents.min()) for body in bodies]
 
     @property

@@ -52,7 +52,7 @@ class Offsets(NamedTuple):
     beyond: FloatArray
 
 
-class Surface:
+class MeshSurface:
     """A surface of triangles in the model's frame M.
 
     Triangles whose normals differ by less than 30 degrees from those of their neighbours form a patch: the face of a
