@@ -95,7 +95,7 @@ def _of_components(environment: TeamEnvironment) -> dict[str, AnyArray]:
     """Return the infos of the components about whole environments, each of shape (N,)."""
     info: dict[str, AnyArray] = {}
     team = environment.team()
-    for component in team.world.offers.components:
+    for component in environment.simulation.components.values():
         info |= component.team_info(team)
     return info
 

@@ -139,7 +139,7 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
     training = json.loads(told["training"])
     assert (training["steps"], training["iteration"], training["seed"], training["git_commit"]) == (28000, 7, 4, "abc+")
     assert "somewhere" not in told["training"]
-    assert json.loads(told["configuration"]) == experiment.resolved == load_onnx(done.path).configuration
+    assert json.loads(told["configuration"]) == experiment.resolved == load_onnx(done.path).info.configuration
     assert [(item.name, item.type.tensor_type.shape.dim[1].dim_value) for item in model.graph.output] == [
         ("thrust", 3), ("action_dist_inputs", 6),
     ]  # fmt: skip

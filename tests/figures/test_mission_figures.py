@@ -8,11 +8,13 @@ import pytest
 from safe_inspect.figures.rendezvous.mission_figure import _plan_clearance, outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_page
-from safe_inspect.figures.rendezvous.mission_scene import Solid, best_view, ribbon, target_solid
+from safe_inspect.figures.rendezvous.mission_scene import DrawnSolid, best_view, ribbon
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.missions.record import MissionRecord
+from safe_inspect.rendezvous.target.boxes import mesh_of_boxes
+from safe_inspect.rendezvous.target.surface import MeshSurface
 
 FIRST, STEPS = 15, 40  # the first step of the approach, and the number of steps
 
@@ -33,8 +35,8 @@ def test_a_record_has_phases_plans_and_the_distance_to_the_mating_point(record: 
 
 def test_the_clearance_of_a_plan_is_that_of_the_boxes(record: MissionRecord) -> None:
     plan = record.plans[0]
-    solid = target_solid(record)
-    expected = solid.boxes.distance(plan.position_target) - record.config.chaser.radius
+    in_model = plan.position_target @ record.target.R_MT.T
+    expected = record.target.solid.distance(in_model) - record.config.chaser.radius
     np.testing.assert_allclose(_plan_clearance(record, plan), expected, atol=1e-12)
 
 
@@ -44,11 +46,15 @@ def test_the_error_is_from_the_true_reference_where_one_is_followed(record: Miss
     np.testing.assert_allclose(error[FIRST:], -0.01, atol=1e-12)
 
 
+def _drawn(boxes: OrientedBoxes, cell: float) -> DrawnSolid:
+    return DrawnSolid.of(MeshSurface(mesh_of_boxes(boxes)), np.eye(3), cell)
+
+
 def test_boxes_hide_what_is_behind_them() -> None:
     angle = np.deg2rad(30.0)
     turned = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     boxes = OrientedBoxes(np.array([[0.2, 0.0, 0.1]]), np.array([[0.5, 0.2, 0.1]]), turned[None])
-    solid = Solid.of(boxes, 0.1)
+    solid = _drawn(boxes, 0.1)
     view = Camera.at(20.0, 40.0)
     rng = np.random.default_rng(0)
     points = rng.uniform(-1.5, 1.5, (400, 3))
@@ -62,9 +68,9 @@ def test_boxes_hide_what_is_behind_them() -> None:
 
 def test_the_patches_cover_the_boxes_and_those_in_front_come_last() -> None:
     boxes = OrientedBoxes(np.zeros((1, 3)), np.array([[0.5, 0.2, 0.1]]), np.eye(3)[None])
-    solid = Solid.of(boxes, 0.15)
-    sides = solid.patches[:, 1] - solid.patches[:, 0], solid.patches[:, 3] - solid.patches[:, 0]
-    assert np.linalg.norm(np.cross(*sides), axis=1).sum() == pytest.approx(2 * (0.4 + 0.2 + 0.08))
+    solid = _drawn(boxes, 0.15)
+    sides = solid.patches[:, 1] - solid.patches[:, 0], solid.patches[:, 2] - solid.patches[:, 0]
+    assert 0.5 * np.linalg.norm(np.cross(*sides), axis=1).sum() == pytest.approx(2 * (0.4 + 0.2 + 0.08))
     np.testing.assert_allclose(np.abs(boxes.distance(solid.patches.reshape(-1, 3))), 0.0, atol=1e-12)
     corners, brightness = solid.seen_patches(Camera.at(90.0 - 1e-9, 0.0))
     assert len(corners) == (solid.normals[:, 2] > 0.5).sum()
@@ -88,7 +94,7 @@ def test_the_tube_is_as_wide_as_its_box() -> None:
 
 
 def test_the_view_shows_a_path_next_to_what_would_hide_it() -> None:
-    solid = Solid.of(OrientedBoxes(np.zeros((1, 3)), np.array([[1.0, 1.0, 2.0]]), np.eye(3)[None]), 0.5)
+    solid = _drawn(OrientedBoxes(np.zeros((1, 3)), np.array([[1.0, 1.0, 2.0]]), np.eye(3)[None]), 0.5)
     path = np.linspace([3.0, 0.0, 0.0], [1.5, 0.0, 0.0], 20)
     view = best_view(path, solid, np.eye(3))
     assert not solid.hides(path, view.sight).any()

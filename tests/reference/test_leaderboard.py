@@ -109,7 +109,7 @@ def test_a_model_card(flown):
     titles = {"One": flown["inspector"], "Two": flown["random"]}
     training = {"steps": 5_013_504, "seconds": 1127.9, "iteration": 306, "seed": 4900}
     evaluations = {title: one.record for title, one in titles.items()}
-    card = model_card(CardData("name", "t", "c", training, "m", "d", {}, [], {}, evaluations))
+    card = model_card(CardData("name", "t", "c", "m", evaluations), training, [])
     facts = {row[0]: row[1] for row in rows_of(card) if len(row) == 2}
     assert facts["environment steps"] == "5,013,504"
     assert (facts["iterations"], facts["wall time"], facts["seed"]) == ("306", f"{1127.9 / 60:.1f} min", "4900")

@@ -68,9 +68,7 @@ def _draw_frame(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
     target = estimate.target_model
     if edge is not None and target is not None:
         T_CM = T_CB @ inverse(edge.pose)  # noqa: N806
-        surface = MeshSurface(target.shape)
-        for triangle, edge_index in np.argwhere(surface.sharp):
-            ends = surface.corners[triangle][[edge_index, (edge_index + 1) % 3]]
+        for ends in MeshSurface(target.shape).sharp_edges:
             axes.plot(*_project(log, move(T_CM, ends)).T, color=VERMILION, linewidth=0.8)
         title += ", registered shape"
     R_WT = to_matrix(estimate.attitudes(log.times[frame : frame + 1])[0])  # noqa: N806

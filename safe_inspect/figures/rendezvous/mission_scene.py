@@ -51,20 +51,16 @@ class DrawnSolid(NamedTuple):
     def of(cls, surface: MeshSurface, rotation: FloatArray, cell: float) -> DrawnSolid:
         """Return a surface divided into patches of about a given size [m], after a rotation, shape (3, 3)."""
         patches, normals, edges = [], [], []
-        for corners, normal, sharp in zip(surface.corners, surface.normals, surface.sharp, strict=True):
-            sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-            count = int(np.clip(np.ceil(sides.max() / cell), 1, _MOST_PATCHES))
+        for corners, normal in zip(surface.corners, surface.normals, strict=True):
+            count = _count(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).max(), cell)
             patches.append(_parts(corners, count))
             normals.append(np.broadcast_to(normal, (count * count, 3)))
-            for edge in np.flatnonzero(sharp):
-                share = np.linspace(0.0, 1.0, int(np.clip(np.ceil(sides[edge] / cell), 1, _MOST_PATCHES)) + 1)[:, None]
-                line = (1.0 - share) * corners[edge] + share * corners[(edge + 1) % 3]
-                edges.append(np.stack((line[:-1], line[1:]), axis=1))
+        for first, last in surface.sharp_edges:
+            share = np.linspace(0.0, 1.0, _count(np.linalg.norm(last - first), cell) + 1)[:, None]
+            line = (1.0 - share) * first + share * last
+            edges.append(np.stack((line[:-1], line[1:]), axis=1))
         pieces = np.concatenate(edges) if edges else np.zeros((0, 2, 3))
-        pieces = pieces[np.lexsort(pieces.mean(axis=1).T)]
-        middles = pieces.mean(axis=1)
-        twins = np.linalg.norm(np.diff(middles, axis=0, prepend=np.inf), axis=1) < 1e-3 * cell  # of two triangles
-        parts = surface.corners, np.concatenate(patches), np.concatenate(normals), pieces[~twins]
+        parts = surface.corners, np.concatenate(patches), np.concatenate(normals), pieces
         return cls(*(part @ rotation.T for part in parts))
 
     def hides(self, points: FloatArray, sight: FloatArray) -> BoolArray:
@@ -88,7 +84,7 @@ class DrawnSolid(NamedTuple):
         """Return the patches that face the viewer, the farthest first.
 
         Returns:
-            Corners in the picture [m], shape (n, 4, 2), and brightness from 0 to 1, shape (n,).
+            Corners in the picture [m], shape (n, 3, 2), and brightness from 0 to 1, shape (n,).
         """
         front = np.flatnonzero(self.normals @ view.sight > 1e-9)
         order = front[np.argsort(self.patches[front].mean(axis=1) @ view.sight, kind="stable")]
@@ -99,6 +95,11 @@ class DrawnSolid(NamedTuple):
     def seen_edges(self, view: Camera) -> FloatArray:
         """Return the pieces of the edges that are not hidden, in the picture [m], shape (n, 2, 2)."""
         return view.flat(self.edges[~self.hides(self.edges.mean(axis=1), view.sight)])
+
+
+def _count(length: Any, cell: float) -> int:
+    """Return the number of patches along a side of a given length."""
+    return int(np.clip(np.ceil(length / cell), 1, _MOST_PATCHES))
 
 
 def _parts(corners: FloatArray, count: int) -> FloatArray:

@@ -80,6 +80,14 @@ class MeshSurface:
         self._squares = np.square(self._sides).sum(axis=2)
         self._outwards = np.cross(self._sides, self.normals[:, None])
 
+    @property
+    def sharp_edges(self) -> FloatArray:
+        """The ends of each sharp edge [m], shape (E, 2, 3)."""
+        ends = np.stack((self.corners, np.roll(self.corners, -1, axis=1)), axis=2)[self.sharp]
+        swapped = np.array([tuple(first) > tuple(last) for first, last in ends.tolist()], dtype=np.bool_)
+        ends[swapped] = ends[swapped, ::-1]
+        return np.asarray(np.unique(ends, axis=0))
+
     def sample(self, radius: float) -> SurfacePoints:
         """Return grids of points on the triangles, with their borders.
 
