@@ -49,7 +49,7 @@ def on_the_watch(watch: Stopwatch, environment: TeamEnvironment) -> Iterator[Non
         (simulator.State, "copy_from"): "copy of the state",
         (simulator.Simulation, "step"): "rest of the simulator",
         (Thrusters, "__call__"): "control",
-        (FusedGroup, "command"): "control",
+        (Thrusters, "clipped"): "control",
         (FusedGroup, "evaluate_step"): "sensors, rewards and dones together",
         (TeamEnvironment, "reset"): "resets",
         (TeamEnvironment, "step"): "rest of the environment",
