@@ -1,1 +1,1 @@
-"""Track a plan: bounds of the reference's error, tubes, gains, model predictive control and attitude control."""
+"""Track a plan: bounds of the error of a reference, tubes, gains, feedback in a tube, and attitude control."""
