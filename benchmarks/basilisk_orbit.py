@@ -19,7 +19,7 @@ from Basilisk.utilities import SimulationBaseClass, macros, simIncludeGravBody
 
 from safe_inspect.dynamics import Drag, RelativeOrbit
 from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_J2, EARTH_RADIUS, semi_major_axis
-from safe_inspect.dynamics.orbit.relative_orbit import orbit_row, relative_orbit_row
+from safe_inspect.dynamics.orbit.relative_orbit_row import orbit_row, relative_orbit_row
 from safe_inspect.types import FloatArray
 
 STEP, MASS = 10.0, 12.0

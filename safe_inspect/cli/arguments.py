@@ -28,8 +28,8 @@ def add_option(
         default: The default.
         more: Further keyword arguments of `argparse.ArgumentParser.add_argument`.
     """
-    told = about if default in (None, []) else f"{about} (default: {default})"
-    parser.add_argument(flag, metavar=metavar, help=told, type=kind, default=default, **more)
+    text = about if default in (None, []) else f"{about} (default: {default})"
+    parser.add_argument(flag, metavar=metavar, help=text, type=kind, default=default, **more)
 
 
 def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:

@@ -1,9 +1,10 @@
 """Environments: the batched core and its façades, except that of PettingZoo, which takes half a second to import."""
 
 from safe_inspect.environments.core import BatchedEnvironment
-from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.spaces import FlatDiscreteActions
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.registration import (
     build_spec,
     load_spec,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.facades.arguments import check_keywords, checked_overrides
-from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
+from safe_inspect.environments.facades.single import InspectionEnv
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 
 if TYPE_CHECKING:
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv

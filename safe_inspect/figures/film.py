@@ -160,10 +160,10 @@ class ApproachView:
         self._lines = [axes.plot([], [], **deputy_line(index))[0] for index in range(len(episode.deputies))]
         dots: Any = {"linestyle": "", "marker": "o", "markersize": 5}
         self._dots = [axes.plot([], [], color=line.get_color(), **dots)[0] for line in self._lines]
-        told = (["speed limit (dashed)"] if self._limit is not None else []) + (
+        parts = (["speed limit (dashed)"] if self._limit is not None else []) + (
             ["docking region (grey)"] if episode.docking_radius else []
         )
-        axes.set_title(", ".join(told), pad=3.0, fontsize=8)
+        axes.set_title(", ".join(parts), pad=3.0, fontsize=8)
 
     def show(self, now: Moment, front: picture.Camera) -> None:
         """Draw the speeds so far; between two recorded states the last recorded speed is shown."""

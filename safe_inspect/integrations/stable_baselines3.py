@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from safe_inspect.environments.episodes import info_row
-from safe_inspect.environments.facades.gymnasium_envs import InspectionVectorEnv
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.types import AnyArray
 

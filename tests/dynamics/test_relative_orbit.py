@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from safe_inspect.dynamics import Drag, MotionLimits, RelativeOrbit
 from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.dynamics.orbit.relative_orbit import (
+from safe_inspect.dynamics.orbit.relative_orbit_row import (
     in_hill_frame,
     in_inertial_axes,
     orbit_row,

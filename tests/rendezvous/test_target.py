@@ -171,12 +171,27 @@ def test_a_mesh_file_becomes_a_target(tmp_path: Path) -> None:
 
 def test_triangles_form_patches_up_to_sharp_edges(tmp_path: Path) -> None:
     trimesh = require("trimesh")
-    for mesh, count in (
-        (trimesh.creation.box(), 6), (trimesh.creation.cylinder(radius=0.3, height=1.0, sections=24), 3),
-        (trimesh.creation.icosphere(subdivisions=2), 1),
-    ):  # fmt: skip
+    cylinder = trimesh.creation.cylinder(radius=0.3, height=1.0, sections=24)
+    for mesh, count, sharp in (
+        (trimesh.creation.box(), 6, 12),
+        (cylinder, 3, 48),
+        (trimesh.creation.icosphere(subdivisions=2), 1, 0),
+    ):
         surface = MeshSurface(TriangleMesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)))
         assert len(set(surface.patches.tolist())) == count
+        assert len(surface.sharp_edges) == sharp
+
+
+@pytest.mark.parametrize("coarse", [False, True])
+def test_only_triangles_with_samples_are_the_nearest(coarse: bool) -> None:
+    surface = MeshSurface(mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.array([[0.5, 0.5, 0.01]]))))
+    upper = surface.sample(0.02).facing(np.array([0.0, 0.0, 5.0]))
+    x, y = np.random.default_rng(0).uniform(-0.45, 0.45, (2, 500))
+    z = np.linspace(-0.2, 0.2, 500)
+    found = surface.nearest(upper, np.stack([x, y, z]), coarse=coarse)
+    # Below the plate, its lower face would be nearer, but only the upper one was seen.
+    np.testing.assert_allclose(surface.normals[found.triangles], np.tile([0.0, 0.0, 1.0], (500, 1)))
+    np.testing.assert_allclose(found.height, z - 0.01, atol=1e-12)
 
 
 def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:

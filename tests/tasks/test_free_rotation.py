@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.dynamics.orbit.relative_orbit import in_inertial_axes
+from safe_inspect.dynamics.orbit.relative_orbit_row import in_inertial_axes
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 

@@ -14,7 +14,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import RelativeOrbit
 from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
-from safe_inspect.dynamics.orbit.relative_orbit import in_inertial_axes
+from safe_inspect.dynamics.orbit.relative_orbit_row import in_inertial_axes
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ConfigError, SafeInspectError
 from safe_inspect.evaluation.rollouts import EpisodeCollector

@@ -128,12 +128,12 @@ def _drawn_for(
     for key in ("platform", "initializer"):
         if getattr(entity, key) is not None:
             place.report(f"a {name} takes no `{key}`; remove it", key)
-    for key, told in taken.items():
+    for key, value_taken in taken.items():
         if key not in entity.config:
             place.report(f"a {name} needs `{key}`, which is sampled at a reset")
             continue
-        _check_taken(entity.config[key], told.symbol, parameters, place.at("config", key))
-        yield EnvironmentDraw(told.value, told.purpose, entity.config[key])
+        _check_taken(entity.config[key], value_taken.symbol, parameters, place.at("config", key))
+        yield EnvironmentDraw(value_taken.value, value_taken.purpose, entity.config[key])
 
 
 def _check_body(body: BodyReset, parameters: Mapping[str, Parameter], place: Place) -> None:

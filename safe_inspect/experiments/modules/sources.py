@@ -20,7 +20,8 @@ from safe_inspect.config.experiment import Experiment, build_experiment, load_ex
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
-from safe_inspect.environments.facades.gymnasium_envs import InspectionEnv, InspectionVectorEnv
+from safe_inspect.environments.facades.single import InspectionEnv
+from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, KeywordError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
 _OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
-_TOLD = 3  # largest number of keys in a label
+_MOST_KEYS = 3  # largest number of keys in a label
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -
             texts = (value_text(leaves[path]) if path in leaves else "none" for leaves in flat)
             differing[(path.rpartition(".")[2], *texts)] = None
     names = [", ".join(f"{key} {texts[index]}" for key, *texts in differing) for index in range(len(flat))]
-    short = 0 < len(differing) <= _TOLD and all(len(name) < 60 for name in names)
+    short = 0 < len(differing) <= _MOST_KEYS and all(len(name) < 60 for name in names)
     if short and len(set(names)) == len(names) and "name" not in paths:
         return names
     for naming in (_stem, _name):

@@ -34,7 +34,8 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     if not mesh.is_volume:
         raise ConfigError(
             f"{name}: the mesh is not a closed surface with outward faces (watertight: {mesh.is_watertight}, "
-            f"consistent winding: {mesh.is_winding_consistent}); close its holes and make all faces point outwards"
+            f"consistent winding: {mesh.is_winding_consistent}); close its holes, "
+            "make all faces point outwards, and let bodies overlap instead of sharing edges"
         )
     mesh.apply_scale(scale)
     return mesh

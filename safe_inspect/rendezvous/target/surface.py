@@ -155,7 +155,7 @@ def dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _patches(faces: IntArray, normals: FloatArray) -> tuple[IntArray, BoolArray, IntArray]:
-    """Return what the edges between the triangles tell.
+    """Return the patches, the sharp edges and the neighbours of triangles.
 
     Returns:
         The patch of each triangle, shape (F,); whether each of its edges is sharp, shape (F, 3); and the triangles

@@ -13,7 +13,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS, Shadow, earth_shadow, sunlight_row
-from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit, in_hill_frame, in_inertial_axes
+from safe_inspect.dynamics.orbit.relative_orbit import ORBIT, RelativeOrbit
+from safe_inspect.dynamics.orbit.relative_orbit_row import in_hill_frame, in_inertial_axes
 from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.light import Colour, Light, binary_light, phong_light
 from safe_inspect.simulators import Component, OfView, PassiveComponent, RunningComponent, State, World
