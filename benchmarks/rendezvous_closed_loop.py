@@ -37,6 +37,8 @@ from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import exp, multiply  # noqa: E402
 from safe_inspect.dynamics.tumble import tumble  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
+from safe_inspect.missions.scenario import initial_tumbles  # noqa: E402
+from safe_inspect.missions.truth import ChaserFlight  # noqa: E402
 from safe_inspect.random.streams import Streams  # noqa: E402
 from safe_inspect.rendezvous.control.bound import (  # noqa: E402
     Bound,
@@ -56,8 +58,6 @@ from safe_inspect.rendezvous.coordination.context import (  # noqa: E402
 from safe_inspect.rendezvous.coordination.pilot import limits_of  # noqa: E402
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors  # noqa: E402
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.missions.scenario import initial_tumbles  # noqa: E402
-from safe_inspect.rendezvous.missions.truth import ChaserFlight  # noqa: E402
 from safe_inspect.rendezvous.planner.checks import certify  # noqa: E402
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial  # noqa: E402
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery  # noqa: E402

@@ -28,8 +28,8 @@ import pyarrow.parquet as pq  # noqa: E402
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import rotate  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
+from safe_inspect.missions.mission import Mission  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.rendezvous.missions.mission import Mission  # noqa: E402
 
 _MATING_POINT = np.array([0.0, 0.45, 0.0])
 _SETTINGS = (

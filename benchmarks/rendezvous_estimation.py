@@ -31,12 +31,12 @@ from scipy.stats import bootstrap, chi2
 from safe_inspect.dynamics.quaternion import conjugate, from_matrix, log, multiply
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.metrics.statistics import wilson
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.summary import attitude_error, normalised_error
 from safe_inspect.rendezvous.coordination.context import MissionContext
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.graph import PoseGraph
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
 from safe_inspect.rendezvous.target.model import Target
 
 _EXPERIMENT = Path(__file__).parents[1] / "configs" / "tumbling-rendezvous" / "experiment.yml"

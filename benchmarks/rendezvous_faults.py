@@ -25,8 +25,8 @@ import trimesh
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.metrics.statistics import wilson
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 
 #: Kinds of faults and their shares. "shape" is a target that the front end does not recognise; "blind" is the loss of
 #: camera and inertial unit at once.

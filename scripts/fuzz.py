@@ -200,7 +200,7 @@ def curve(numbers: random.Random, folder: Path) -> str:
 def log(numbers: random.Random, folder: Path) -> str:
     """Read a sensor log of which one file is edited."""
     from safe_inspect.errors import SafeInspectError
-    from safe_inspect.rendezvous.recording.reader import read_sensor_log
+    from safe_inspect.missions.sensor_log import read_sensor_log
 
     shutil.copytree(_sample("log"), folder / "log")
     edit_file(numbers, numbers.choice(sorted(path for path in (folder / "log").rglob("*.*") if path.is_file())))

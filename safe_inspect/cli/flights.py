@@ -26,10 +26,10 @@ from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.experiments.files.run_folder import git_commit
 from safe_inspect.experiments.modules.sources import Candidate
 from safe_inspect.metrics.base import BaseMetric
+from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.outputs import check_new_folder, new_folder
 from safe_inspect.plugins.functor import describe
 from safe_inspect.rendezvous.experiment import Rendezvous, build_rendezvous, is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.types import FloatArray
 from safe_inspect.version import __version__
 

@@ -16,11 +16,11 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, join
 from safe_inspect.evaluation.kept import KeptEpisodes
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.scenario import initial_tumbles, mission_streams
+from safe_inspect.missions.summary import MISSION_FIGURES
 from safe_inspect.plugins.functor import describe
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig, build_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.scenario import initial_tumbles, mission_streams
-from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 
 #: Name of the agent.
 _CHASER = "chaser"
@@ -71,7 +71,7 @@ def mission_episode(config: RendezvousConfig, number: int, summary: Mapping[str,
     Args:
         config: The experiment.
         number: Number of the mission.
-        summary: Its summary, see `safe_inspect.rendezvous.missions.summary.summarise_mission`.
+        summary: Its summary, see `safe_inspect.missions.summary.summarise_mission`.
     """
     orientation, angular_velocity = initial_tumbles(config, mission_streams(config, number))
     given = {name: summary.get(name) for name in MISSION_FIGURES}

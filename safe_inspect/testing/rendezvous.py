@@ -13,6 +13,7 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.missions.truth import ChaserTrace, SensorSuite, estimator_context
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
@@ -20,7 +21,6 @@ from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, Trackin
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
 from safe_inspect.rendezvous.experiment import SensorsConfig
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, estimator_context
 from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig
 from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus

@@ -13,10 +13,10 @@ import pytest
 from safe_inspect.cli.commands.rendezvous import _MissionLines
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.record import json_text
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.record import json_text
 
 _FILE = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
 _QUICK = ["mission.observe=1 s", "mission.checkout=0.4 s", "mission.wait_limit=0 s"]

@@ -22,9 +22,9 @@ from safe_inspect.evaluation.missions import LocalFlights, fly_missions, mission
 from safe_inspect.evaluation.results.files import read_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.summary import MISSION_FIGURES
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
 
 _FILE = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 _SHORT = ["tumble={functor: RandomTumble}", "mission.checkout=0.4 s", "mission.time_limit=2 s"]

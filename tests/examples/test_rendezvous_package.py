@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.errors import ConfigError
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.rendezvous.planner.problem import sampled_plan
 from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 from safe_inspect.rendezvous.plugins import ApproachPlanner

@@ -10,10 +10,10 @@ from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.rollouts import record_episode
+from safe_inspect.missions.record import MissionLog, MissionRecord, read_mission
 from safe_inspect.policies import RandomThrust
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.record import MissionLog, MissionRecord, read_mission
 from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 
 

@@ -11,8 +11,8 @@ from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_p
 from safe_inspect.figures.rendezvous.mission_scene import DrawnSolid, best_view, ribbon
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
+from safe_inspect.missions.record import MissionRecord
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.rendezvous.target.boxes import mesh_of_boxes
 from safe_inspect.rendezvous.target.surface import MeshSurface
 

@@ -39,11 +39,11 @@ from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data
 from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
+from safe_inspect.missions.log_estimate import ONLINE_COLUMNS, LogEstimate
+from safe_inspect.missions.sensor_log import TRUTH_COLUMNS
 from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.poses import MODEL, Edge
-from safe_inspect.rendezvous.recording.estimation import ONLINE_COLUMNS, LogEstimate
-from safe_inspect.rendezvous.recording.reader import TRUTH_COLUMNS
 
 from .artists import entries, summary
 

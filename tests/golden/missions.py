@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 
 #: Each mission: its experiment, its overrides, and the relative tolerance of its figures; an estimator makes of a
 #: difference in the last bit one of some percent.

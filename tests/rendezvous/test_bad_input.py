@@ -9,8 +9,8 @@ import pytest
 
 from safe_inspect.cli.main import main
 from safe_inspect.errors import ConfigError
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 
 from .test_experiment import SHIPPED
 

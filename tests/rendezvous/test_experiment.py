@@ -9,9 +9,9 @@ import yaml
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError, InitialStateError, MissingLibraryError
+from safe_inspect.missions.scenario import check_scenario, initial_tumbles, mission_streams
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous, read_target
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.missions.scenario import check_scenario, initial_tumbles, mission_streams
 
 SHIPPED = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
 

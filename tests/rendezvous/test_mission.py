@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from safe_inspect.missions.mission import Mission, MissionResult
+from safe_inspect.missions.summary import mission_table, summarise_mission
+from safe_inspect.missions.truth import replay
 from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput
 from safe_inspect.rendezvous.control.tube import TrackedReference
 from safe_inspect.rendezvous.coordination import actions
 from safe_inspect.rendezvous.coordination.context import Phase, clearances
 from safe_inspect.rendezvous.experiment import Rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
-from safe_inspect.rendezvous.missions.summary import mission_table, summarise_mission
-from safe_inspect.rendezvous.missions.truth import replay
 from safe_inspect.types import FloatArray
 
 from .test_experiment import SHIPPED

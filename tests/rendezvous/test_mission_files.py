@@ -14,10 +14,10 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.dynamics.quaternion import conjugate, log, multiply, to_matrix
 from safe_inspect.errors import CheckpointError
+from safe_inspect.missions.record import FlownPlan, MissionLog, MissionRecord, PhaseInterval, read_mission
+from safe_inspect.missions.summary import mission_table, summarise_mission, true_reference
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.record import FlownPlan, MissionLog, MissionRecord, PhaseInterval, read_mission
-from safe_inspect.rendezvous.missions.summary import mission_table, summarise_mission, true_reference
 
 from .pieces.control import plan
 

@@ -14,11 +14,11 @@ import pytest
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.missions import mission as module
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.record import MissionLog, json_text
 from safe_inspect.rendezvous.coordination.pilot import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
-from safe_inspect.rendezvous.missions import mission as module
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.record import MissionLog, json_text
 
 from .test_experiment import SHIPPED
 

@@ -14,14 +14,14 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.quaternion import conjugate, normalise, rotate
 from safe_inspect.dynamics.tide import to_hill
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.truth import ChaserFlight
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference
 from safe_inspect.rendezvous.coordination.actions import tide_of
 from safe_inspect.rendezvous.coordination.pilot import limits_of
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.truth import ChaserFlight
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery
 

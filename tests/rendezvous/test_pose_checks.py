@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from safe_inspect.rendezvous.recording.reader import StartDescription
+from safe_inspect.missions.sensor_log import StartDescription
 
 
 @pytest.mark.parametrize("length", [0.9991, 1.0, 1.0009])

@@ -14,8 +14,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 
 from .record import check
 

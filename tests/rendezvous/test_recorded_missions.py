@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.mission import Mission
 from safe_inspect.types import FloatArray
 
 from ..golden.flights import arithmetic

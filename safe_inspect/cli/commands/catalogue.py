@@ -22,11 +22,11 @@ from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.errors import ConfigError, Problem, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
+from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import RendezvousConfig, is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES, TEAM_TASKS
 
 #: The model of each kind of file with a schema.

@@ -35,8 +35,8 @@ from safe_inspect.figures.rendezvous.mission_figure import mission_figure, outco
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_page
 from safe_inspect.figures.trajectory_figure import trajectory_figure
+from safe_inspect.missions.record import read_mission
 from safe_inspect.outputs import check_ending
-from safe_inspect.rendezvous.missions.record import read_mission
 
 _FILMS = (".gif", ".mp4")
 _PAGES = (".html", ".htm")

@@ -15,14 +15,8 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
-from safe_inspect.plugins.registry import registry
-from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
-from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.scenario import check_scenario
-from safe_inspect.rendezvous.missions.summary import mission_table
-from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
-from safe_inspect.rendezvous.recording.estimation import (
+from safe_inspect.missions.log_checks import check_log
+from safe_inspect.missions.log_estimate import (
     estimate_log,
     estimate_table,
     in_principal_axes,
@@ -31,9 +25,15 @@ from safe_inspect.rendezvous.recording.estimation import (
     summary_of,
     write_estimate,
 )
-from safe_inspect.rendezvous.recording.plausibility import check_log
-from safe_inspect.rendezvous.recording.reader import read_sensor_log
-from safe_inspect.rendezvous.recording.record import record_watch
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.scenario import check_scenario
+from safe_inspect.missions.sensor_log import read_sensor_log
+from safe_inspect.missions.sensor_log_writer import record_watch
+from safe_inspect.missions.summary import mission_table
+from safe_inspect.plugins.registry import registry
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
+from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
+from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
 
 #: Mission time between two progress updates [s], on a terminal and elsewhere.
 _TERMINAL_PERIOD, _PERIOD = 1.0, 10.0

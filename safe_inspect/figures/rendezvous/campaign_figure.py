@@ -11,7 +11,7 @@ from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.figures.drawing import Figure, new_figure
 from safe_inspect.geometry.picture import BLACK, BLUE, GREY, VERMILION
-from safe_inspect.rendezvous.missions.summary import MISSION_FIGURES
+from safe_inspect.missions.summary import MISSION_FIGURES
 from safe_inspect.types import BoolArray, FloatArray
 
 #: Label, figure and factor of the panels, in rows of three.

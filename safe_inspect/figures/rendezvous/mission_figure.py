@@ -20,9 +20,9 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     show_extent,
 )
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
+from safe_inspect.missions.record import FlownPlan, MissionRecord
+from safe_inspect.missions.summary import true_reference
 from safe_inspect.rendezvous.coordination.context import clearances
-from safe_inspect.rendezvous.missions.record import FlownPlan, MissionRecord
-from safe_inspect.rendezvous.missions.summary import true_reference
 from safe_inspect.types import AnyArray, FloatArray
 
 AXIS_COLOURS = (VERMILION, BLUE, GREEN)

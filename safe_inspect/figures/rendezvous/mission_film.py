@@ -11,8 +11,8 @@ from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_figure import LEAD
 from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
+from safe_inspect.missions.record import MissionRecord
 from safe_inspect.rendezvous.coordination.context import Phase
-from safe_inspect.rendezvous.missions.record import MissionRecord
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 

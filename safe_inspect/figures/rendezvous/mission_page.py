@@ -23,8 +23,8 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     target_solid,
 )
 from safe_inspect.geometry.picture import BLACK, GREY
-from safe_inspect.rendezvous.missions.record import MissionRecord
-from safe_inspect.rendezvous.missions.summary import true_reference
+from safe_inspect.missions.record import MissionRecord
+from safe_inspect.missions.summary import true_reference
 from safe_inspect.types import AnyArray
 
 #: Largest number of states in a page; of longer missions it contains every second, third, ... state.

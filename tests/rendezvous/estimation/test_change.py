@@ -11,15 +11,15 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.missions.scenario import checked_target, initial_tumbles
+from safe_inspect.missions.summary import attitude_error
+from safe_inspect.missions.truth import ChaserTrace, SensorSuite, estimator_context, target_motion
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate
 from safe_inspect.rendezvous.estimation.change import departs
 from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.scenario import checked_target, initial_tumbles
-from safe_inspect.rendezvous.missions.summary import attitude_error
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, estimator_context, target_motion
 from safe_inspect.rendezvous.readings import Command
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate
+from safe_inspect.missions.mission import Mission, MissionResult
+from safe_inspect.missions.summary import attitude_error, normalised_error
+from safe_inspect.missions.truth import MissionTruth, SensorSuite, replay, target_motion
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import _MeasuredPosesRun
-from safe_inspect.rendezvous.missions.mission import Mission, MissionResult
-from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
-from safe_inspect.rendezvous.missions.truth import MissionTruth, SensorSuite, replay, target_motion
 from safe_inspect.rendezvous.plugins import StateEstimator
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.readings import Reading, Readings

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, multiply
+from safe_inspect.missions.summary import attitude_error, normalised_error
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.change import (
@@ -28,7 +29,6 @@ from safe_inspect.rendezvous.estimation.change import (
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
 from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, TargetEstimate
-from safe_inspect.rendezvous.missions.summary import attitude_error, normalised_error
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.poses import perturbed, pose
 from safe_inspect.rendezvous.readings import Command

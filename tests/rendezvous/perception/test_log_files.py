@@ -11,15 +11,15 @@ import yaml
 from PIL import Image
 
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.experiment import read_target
-from safe_inspect.rendezvous.recording.reader import (
+from safe_inspect.missions.sensor_log import (
     IMU_COLUMNS,
     TRUTH_COLUMNS,
     CameraDescription,
     SensorDescription,
     read_sensor_log,
 )
-from safe_inspect.rendezvous.recording.record import SensorLogWriter
+from safe_inspect.missions.sensor_log_writer import SensorLogWriter
+from safe_inspect.rendezvous.experiment import read_target
 
 _CAMERA = CameraDescription(width=10, height=8, fx=12.0, fy=12.0, cx=4.0, cy=3.0, least_range=0.5, largest_range=2.0)
 

@@ -12,14 +12,14 @@ import yaml
 
 from safe_inspect.cli.main import main
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.recording.plausibility import check_log
-from safe_inspect.rendezvous.recording.reader import (
+from safe_inspect.missions.log_checks import check_log
+from safe_inspect.missions.sensor_log import (
     TRUTH_COLUMNS,
     CameraDescription,
     SensorDescription,
     read_sensor_log,
 )
-from safe_inspect.rendezvous.recording.record import SensorLogWriter
+from safe_inspect.missions.sensor_log_writer import SensorLogWriter
 from safe_inspect.types import FloatArray
 
 _CAMERA = CameraDescription(width=40, height=30, fx=40.0, fy=42.0, cx=19.0, cy=15.5)

@@ -21,12 +21,7 @@ import yaml
 from safe_inspect.config.data import configs_root
 from safe_inspect.dynamics.quaternion import exp, multiply
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
-from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.plugins import ModelFrontEnd
-from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
-from safe_inspect.rendezvous.recording.estimation import (
+from safe_inspect.missions.log_estimate import (
     ONLINE_COLUMNS,
     LogEstimate,
     estimate_log,
@@ -38,8 +33,13 @@ from safe_inspect.rendezvous.recording.estimation import (
     summary_of,
     write_estimate,
 )
-from safe_inspect.rendezvous.recording.reader import CameraDescription, SensorDescription, SensorLog, read_sensor_log
-from safe_inspect.rendezvous.recording.record import SensorLogWriter, record_watch
+from safe_inspect.missions.sensor_log import CameraDescription, SensorDescription, SensorLog, read_sensor_log
+from safe_inspect.missions.sensor_log_writer import SensorLogWriter, record_watch
+from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
+from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.plugins import ModelFrontEnd
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 

@@ -10,16 +10,16 @@ import yaml
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
-from safe_inspect.rendezvous.experiment import read_target
-from safe_inspect.rendezvous.recording.estimation import pick_point
-from safe_inspect.rendezvous.recording.reader import (
+from safe_inspect.missions.log_estimate import pick_point
+from safe_inspect.missions.sensor_log import (
     FRAME_COLUMNS,
     IMU_COLUMNS,
     CameraDescription,
     SensorDescription,
     read_sensor_log,
 )
-from safe_inspect.rendezvous.recording.record import SensorLogWriter
+from safe_inspect.missions.sensor_log_writer import SensorLogWriter
+from safe_inspect.rendezvous.experiment import read_target
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 
 _EXPERIMENT = str(configs_root() / "tumbling-rendezvous" / "experiment.yml")

@@ -11,6 +11,8 @@ from pydantic import BaseModel
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
+from safe_inspect.missions.scenario import check_scenario
+from safe_inspect.missions.sensor_log import CameraDescription, StartDescription
 from safe_inspect.rendezvous import models, plugins
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import tracking_weights
@@ -20,9 +22,7 @@ from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig, is_rendezvous, load_rendezvous
-from safe_inspect.rendezvous.missions.scenario import check_scenario
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.recording.reader import CameraDescription, StartDescription
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
 from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera

@@ -10,10 +10,10 @@ import numpy as np
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
+from safe_inspect.missions.truth import ChaserTrace, SensorSuite, target_motion
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.missions.truth import ChaserTrace, SensorSuite, target_motion
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts, _PlanUnits, _ranked_problems
 from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
 from safe_inspect.rendezvous.planner.paths import SplinePath

@@ -13,12 +13,8 @@ import numpy as np
 import yaml
 
 from safe_inspect.dynamics.quaternion import from_matrix
-from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.experiment import RendezvousConfig
-from safe_inspect.rendezvous.missions.mission import Mission
-from safe_inspect.rendezvous.missions.truth import pose_in_model
-from safe_inspect.rendezvous.plugins import MeasuredState
-from safe_inspect.rendezvous.recording.reader import (
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.sensor_log import (
     DEPTH,
     DESCRIPTION,
     FRAME_COLUMNS,
@@ -32,6 +28,10 @@ from safe_inspect.rendezvous.recording.reader import (
     StartDescription,
     write_table,
 )
+from safe_inspect.missions.truth import pose_in_model
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.plugins import MeasuredState
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from safe_inspect.errors import ConfigError, Problem
-from safe_inspect.rendezvous.recording.reader import FRAMES, IMU_FILES, TRUTH, TRUTH_PARTS, SensorLog
+from safe_inspect.missions.sensor_log import FRAMES, IMU_FILES, TRUTH, TRUTH_PARTS, SensorLog
 from safe_inspect.types import FloatArray
 
 #: Number of frames, spread over the log, whose depths are checked.

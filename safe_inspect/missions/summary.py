@@ -10,10 +10,10 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, log, multiply, rotate
 from safe_inspect.dynamics.tumble import classify
+from safe_inspect.missions.record import MissionLog
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors, StateEstimate
 from safe_inspect.rendezvous.experiment import RendezvousConfig
-from safe_inspect.rendezvous.missions.record import MissionLog
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 

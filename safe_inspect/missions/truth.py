@@ -12,12 +12,12 @@ from safe_inspect.dynamics.free_flyer import FreeFlyer
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.pointing import R_BC
+from safe_inspect.missions.record import read_mission
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
-from safe_inspect.rendezvous.missions.record import read_mission
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Command, Reading, Readings

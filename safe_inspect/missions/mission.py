@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from safe_inspect.missions.record import MissionLog
+from safe_inspect.missions.scenario import check_start, checked_target, initial_tumbles, mission_streams
+from safe_inspect.missions.summary import normalised_error, summarise_mission
+from safe_inspect.missions.truth import MissionTruth, SensorSuite, TruthStep, estimator_context
 from safe_inspect.rendezvous.control.attitude import CameraPointing
 from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig, clearances
 from safe_inspect.rendezvous.coordination.pilot import Pilot
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import RendezvousConfig
-from safe_inspect.rendezvous.missions.record import MissionLog
-from safe_inspect.rendezvous.missions.scenario import check_start, checked_target, initial_tumbles, mission_streams
-from safe_inspect.rendezvous.missions.summary import normalised_error, summarise_mission
-from safe_inspect.rendezvous.missions.truth import MissionTruth, SensorSuite, TruthStep, estimator_context
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
 
 #: Function called at every change of state with the time [s], the state before, the guard and the state after.

@@ -1,1 +1,0 @@
-"""Missions: their truth and sensors, running one, its log, its summary and its files."""

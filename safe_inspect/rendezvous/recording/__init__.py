@@ -1,1 +1,0 @@
-"""Sensor logs: measurements of the camera and the inertial unit on disk, independent of the simulator."""
