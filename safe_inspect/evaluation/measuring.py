@@ -43,7 +43,7 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
     """
     for metric in metrics:
         if not isinstance(metric, BaseMetric):
-            raise ArgumentError(f"a metric must be an object such as InspectedPoints(), got {metric!r:.60}")
+            raise ArgumentError(f"a metric must be an object such as ThrustingSteps(), got {metric!r:.60}")
     labels = [metric.label for metric in metrics]
     for metric, label in zip(metrics, labels, strict=True):
         if not isinstance(metric, (Metric, TeamMetric)):

@@ -172,7 +172,7 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
             return None
 
     for given, kind, words in (
-        ([One], ArgumentError, "a metric must be an object such as InspectedPoints(), got <class"),
+        ([One], ArgumentError, "a metric must be an object such as ThrustingSteps(), got <class"),
         (
             [One(name="a/b")],
             SafeInspectError,
