@@ -147,8 +147,6 @@ def test_the_training_of_a_shipped_policy_is_on_its_card() -> None:
         ((), "GicpSubmapFrontEnd", ""),
         (("--target", "t.yml"), "ModelFrontEnd", ""),
         (("--target", "t.yml", "--front-end", "GicpSubmapFrontEnd"), "GicpSubmapFrontEnd", ""),
-        (("--pick", "3,4,5,0.25"), "GicpSubmapFrontEnd",
-         "mating_point: point of (3, 'above (3, 4, 5, 0.25)')  # in the estimated principal axes\n"),
         (("--output", "o"), "GicpSubmapFrontEnd", "the estimate is in o\n"),
     ],
 )  # fmt: skip
@@ -165,9 +163,6 @@ def test_a_log_is_characterised_and_its_estimate_written(
     )
     monkeypatch.setattr(rendezvous, "estimate_table", lambda summary: f"table of {summary}")
     monkeypatch.setattr(rendezvous, "summary_of", lambda log, estimate: (log, estimate))
-    monkeypatch.setattr(rendezvous, "pick_point", lambda log, *picked: f"above {picked}")
-    monkeypatch.setattr(rendezvous, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
-    monkeypatch.setattr(rendezvous, "mating_point_text", lambda point: f"point of {point}")
     monkeypatch.setattr(rendezvous, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
     monkeypatch.setattr(rendezvous, "estimate_figure", lambda log, estimate: "figure")
     monkeypatch.setattr(rendezvous, "save", lambda figure, path: path.write_text(figure))

@@ -61,11 +61,6 @@ def test_an_episode_of_an_evaluation_is_flown_alone(tmp_path: Path) -> None:
     assert summary == json.loads(json_text(expected))
 
 
-def test_many_missions_are_flown_by_evaluate(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rendezvous", _FILE, "--missions", "20"]) == 2
-    assert f"`safe-inspect evaluate --cfg {_FILE} --episodes 20`" in capsys.readouterr().err
-
-
 def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rendezvous", _FILE, "mission.time_limit=35 s"]) == 1
     lines = capsys.readouterr().err.splitlines()

@@ -25,9 +25,6 @@ from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
 from safe_inspect.rendezvous.recording.estimation import (
     estimate_log,
     estimate_table,
-    in_principal_axes,
-    mating_point_text,
-    pick_point,
     summary_of,
     write_estimate,
 )
@@ -43,7 +40,6 @@ def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rendezvous``."""
     add_experiment_file(parser)
     add_option(parser, "--episode", "N", "fly episode N of an evaluation", natural, 0)
-    parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")
 
@@ -56,11 +52,6 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
     Example:
         safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission
     """
-    if arguments.missions is not None:
-        raise SafeInspectError(
-            f"--missions has been removed; run several with `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
-            f"{arguments.missions}`, with --workers and --output as before"
-        )
     print_loading()
     experiment = load_rendezvous(arguments.cfg, arguments.overrides)
     print_doubts(check_scenario(experiment, arguments.episode + 1))
@@ -136,8 +127,6 @@ def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--target", "FILE", target)
     front_end = "front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
     add_option(parser, "--front-end", "NAME", front_end)
-    pick = "print the mating point at a distance [m] above what a pixel of a frame sees"
-    add_option(parser, "--pick", "FRAME,COLUMN,ROW,DISTANCE", pick)
     add_output_folder(parser, "estimate, tables and figure")
 
 
@@ -181,8 +170,6 @@ def run_characterise(arguments: argparse.Namespace) -> int:
     target = None if arguments.target is None else read_target(arguments.target)
     name = arguments.front_end or ("GicpSubmapFrontEnd" if target is None else "ModelFrontEnd")
     front_end: FrontEnd = registry.get("front_end", name)()
-    picked = None if arguments.pick is None else _picked(arguments.pick)
-    above = None if picked is None else pick_point(log, *picked)
     with output_folder(arguments) as folder:
         with EpisodeBar("frames") as bar:
             bar.show(0, len(log))
@@ -191,23 +178,6 @@ def run_characterise(arguments: argparse.Namespace) -> int:
             write_estimate(folder, log, estimate)
             save(estimate_figure(log, estimate), folder / FIGURE)
     print(estimate_table(summary_of(log, estimate)))
-    if picked is not None and above is not None:
-        point = in_principal_axes(log, estimate, picked[0], above)
-        print(f"mating_point: {mating_point_text(point)}  # in the estimated principal axes")
     if arguments.output is not None:
         print(f"the estimate is in {arguments.output}")
     return 0
-
-
-def _picked(text: str) -> tuple[int, int, int, float]:
-    parts = text.split(",")
-    try:
-        frame, column, row = (int(part) for part in parts[:3])
-        (distance,) = (float(part) for part in parts[3:])
-        if not math.isfinite(distance):
-            raise ValueError
-    except ValueError:
-        raise SafeInspectError(
-            f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
-        ) from None
-    return frame, column, row, distance
