@@ -100,7 +100,7 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     ):
         figures._episode(argparse.Namespace(**given | {"until": 1.5}))
     (here / "run").mkdir()
-    (here / "run" / "trajectories.parquet").write_text("")
+    (here / "run" / "trajectories.npz").write_text("")
     monkeypatch.setattr(figures, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
     assert figures._episode(argparse.Namespace(**read))[1] == "run, episode 7"

@@ -15,6 +15,7 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.results.files import (
+    TRAJECTORIES,
     is_evaluation,
     read_evaluation,
     read_evaluation_record,
@@ -197,7 +198,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
 def _episode(arguments: argparse.Namespace) -> tuple[Any, str]:
     """Return the episode of the command line, evaluated or read from a recording, and a title."""
     source = Path(arguments.source).expanduser()
-    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file() or is_evaluation(source):
+    if source.suffix == ".npz" or (source / TRAJECTORIES).is_file() or is_evaluation(source):
         episode = _recorded(arguments, source)
         title = f"{source.name}, episode {episode.slot}"
     else:

@@ -237,12 +237,12 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     who = f"{first.label} and {other.label} cannot be compared"
     remedy = "evaluate both with the same --seed, --episodes and --cfg; if only one needs overrides for that, "
     remedy += "evaluate each with --output and compare the folders"
-    for what, mine, theirs in (
+    for what, one, another in (
         ("seed", first.record["seed"], other.record["seed"]),
         ("number of episodes", len(first), len(other)),
     ):
-        if mine != theirs:
-            raise EvaluationError(f"{who}: the {what} is {mine} in one and {theirs} in the other; {remedy}")
+        if one != another:
+            raise EvaluationError(f"{who}: the {what} is {one} in one and {another} in the other; {remedy}")
     apart = list(differing_keys(first.record["task"], other.record["task"]))
     if apart:
         shown = ", ".join(apart[:3]) + (", ..." if len(apart) > 3 else "")
@@ -250,11 +250,10 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
         remedy = "evaluate both in one task with --cfg, which takes policies with the observations and actions of that "
         remedy += "task; those of other tasks have no episodes in common, so read the tables of `safe-inspect evaluate`"
         raise EvaluationError(f"{who}: {what}; {remedy}")
-    if first.initial_states.keys() != other.initial_states.keys():
+    mine, theirs = first.initial_states, other.initial_states
+    if {name: mine[name].shape for name in mine} != {name: theirs[name].shape for name in theirs}:
         raise EvaluationError(f"{who}: their deputies differ; {remedy}")
-    same = np.ones(len(first), dtype=np.bool_)
-    for name, values in first.initial_states.items():
-        same &= values == other.initial_states[name]
+    same = np.all([(mine[name] == theirs[name]).reshape(len(first), -1).all(axis=1) for name in mine], axis=0)
     if not same.all():
         raise EvaluationError(
             f"{who}: {int((~same).sum())} of their {len(same)} episodes have different initial states (the first is "
