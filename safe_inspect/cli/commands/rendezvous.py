@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-from typing import TextIO
 
 import numpy as np
 
 from safe_inspect.cli.arguments import add_option, add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_error
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
@@ -32,8 +31,8 @@ from safe_inspect.rendezvous.recording.plausibility import check_log
 from safe_inspect.rendezvous.recording.reader import read_sensor_log
 from safe_inspect.rendezvous.recording.record import record_watch
 
-#: Mission time between two progress updates [s], on a terminal and elsewhere.
-_TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
+#: Mission time between two lines of progress [s].
+_PERIOD = 10.0
 
 
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,11 +58,8 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
         print(experiment.text, end="")
         return 0
     with output_folder(arguments) as folder:
-        lines = _MissionLines(sys.stderr)
-        try:
-            result = Mission(experiment.config, arguments.episode, lines.change, lines.step).run()
-        finally:
-            lines.close()
+        lines = _MissionLines()
+        result = Mission(experiment.config, arguments.episode, lines.change, lines.step).run()
         if folder is not None:
             result.log.write(folder, experiment.text, result.summary)
     print(mission_table(result.summary))
@@ -73,38 +69,27 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
 
 
 class _MissionLines:
-    """Progress of a mission: on a terminal one line that is updated, elsewhere a line every ten seconds of mission."""
+    """Progress of a mission on standard error: changes of state, and a line for every ten seconds of the mission."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._is_terminal = stream, stream.isatty()
+    def __init__(self) -> None:
         self._next = 0.0
 
     def change(self, time: float, before: Phase, guard: str, after: Phase) -> None:
-        """Show a change of state."""
-        self._show(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
+        """Print a change of state."""
+        print_error(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
 
     def step(self, context: MissionContext) -> None:
-        """Show the state of the mission, if an update is due."""
+        """Print the state of the mission, if a line is due."""
         if context.time < self._next:
             return
-        self._next = context.time + (_TERMINAL_PERIOD if self._is_terminal else _PERIOD)
+        self._next = context.time + _PERIOD
         estimate = context.estimate
         distance = float(np.linalg.norm(estimate.relative[:3]))
         known = estimate.problem or (
             f"attitude within {math.degrees(estimate.errors.attitude):.2g} deg, "
             f"rate within {math.degrees(estimate.errors.rate):.2g} deg/s"
         )
-        self._show(f"{context.time:8.1f} s  {context.phase.value}, {distance:.2f} m from the target's centre; {known}")
-
-    def close(self) -> None:
-        """Remove the line from a terminal."""
-        if self._is_terminal:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
-
-    def _show(self, line: str) -> None:
-        self._stream.write(f"\r{line}\x1b[K" if self._is_terminal else f"{line}\n")
-        self._stream.flush()
+        print_error(f"{context.time:8.1f} s  {context.phase.value}, {distance:.2f} m from the target's centre; {known}")
 
 
 FIGURE = "estimate.png"
