@@ -132,24 +132,18 @@ def pooled_table(evaluations: Sequence[Evaluation]) -> str:
     return "\n".join([line, *table])
 
 
-#: The figure that is 1 for a won episode and 0 otherwise.
-_SUCCESS = "success"
-
-
 @dataclass(frozen=True)
 class Comparison:
     """Evaluations of the same episodes, compared.
 
     Attributes:
         evaluations: The evaluations; the others are compared with the first.
-        estimates: Estimates of every figure for each evaluation that has it, by label.
         differences: Differences of every figure for each further evaluation that has it, that evaluation minus the
             first, by label.
         notes: What is left out, and why.
     """
 
     evaluations: Sequence[Evaluation]
-    estimates: Mapping[str, Mapping[str, Estimate]]
     differences: Mapping[str, Mapping[str, Difference]]
     notes: Sequence[str] = ()
 
@@ -174,9 +168,12 @@ class Comparison:
         lines += [f"  {item.label}: {ends(item.team)}" for item in self.evaluations]
         head = ("IQM", *(item.label for item in self.evaluations), "unit")
         rows: list[Row] = [head]
-        for name, each in self.estimates.items():
-            cells = [number(each[item.label].iqm) if item.label in each else "-" for item in self.evaluations]
-            rows.append((name, *cells, next(iter(each.values())).unit))
+        for name in self.differences:
+            found = [item.estimates[""].get(name) for item in self.evaluations]
+            cells = ["-" if each is None else number(each.iqm) for each in found]
+            units = [each.unit for each in found if each is not None]
+            if units:  # the success rate has no estimate
+                rows.append((name, *cells, units[0]))
         (table,) = aligned([rows])
         lines += ["", *table]
         for item in others:
@@ -202,7 +199,7 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
     for other in others:
         _check_same_episodes(first, other)
     figures = {
-        item.label: {_SUCCESS: (item.team.status == "win").astype(np.float64), **item.team.figures}
+        item.label: {"success": (item.team.status == "win").astype(np.float64), **item.team.figures}
         for item in evaluations
     }
     names = list(dict.fromkeys(name for each in figures.values() for name in each))
@@ -211,14 +208,8 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
         notes.append("the rewards differ, so returns and reward terms are left out")
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
-    estimates = {item.label: item.estimates[""] for item in evaluations}
     return Comparison(
         evaluations,
-        {
-            name: {label: estimates[label][name] for label in figures if name in estimates[label]}
-            for name in names
-            if name != _SUCCESS
-        },
         {
             name: {
                 other.label: paired_difference(
