@@ -52,7 +52,7 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
             )
         if "/" in label:
             raise SafeInspectError(
-                f"the label {label!r} of a metric has a slash, which is reserved for columns of files; leave it out"
+                f"the label {label!r} of a metric has a slash, which is reserved for reward terms; leave it out"
             )
         if labels.count(label) > 1:
             raise SafeInspectError(f"two metrics have the label {label!r}; remove one, or use a class with another")

@@ -142,8 +142,8 @@ def test_metrics_do_not_depend_on_the_size_of_the_batch(task):
 def test_a_team_is_its_agents():
     flown = rollout(spec_of(TASKS[1], "horizon=50"), RandomThrust(), episodes=6, seed=8, metrics=EVERY)
     for label, together in (
-        ("smallest range", np.min), ("largest speed", np.max), ("delta-v", np.mean), ("thrusting steps", np.sum),
-        ("episode length", np.max), ("phi chief_collision", np.min),
+        ("smallest range", np.min), ("largest speed", np.max), ("decisions", np.mean), ("thrusting steps", np.sum),
+        ("phi chief_collision", np.min),
     ):  # fmt: skip
         np.testing.assert_allclose(flown.metrics[label], together(of_agents(flown, label), axis=1), rtol=1e-12)
 
@@ -234,7 +234,7 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
     spec = spec_of(TASKS[0])
     with pytest.raises(SafeInspectError, match="no entity is named 'cheif'; did you mean `chief`"):
         rollout(spec, ZeroThrust(), 1, metrics=[SmallestRange(entity_name="cheif")])
-    with pytest.raises(SafeInspectError, match="two metrics have the label 'delta-v'"):
+    with pytest.raises(SafeInspectError, match="two metrics have the label 'thrusting steps'"):
         rollout(spec, ZeroThrust(), 1, metrics=[ThrustingSteps(), ThrustingSteps()])
 
 
