@@ -87,7 +87,7 @@ def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
         (["evaluate", "a", "--mode"], {"sampled": False}),
         (["evaluate", "a"], {"sampled": None, "num_envs": 512, "workers": None, "record": None, "force": False}),
         (["compare", "a", "b", "--policy", "p", "--policy", "q"], {"policy": ["p", "q"], "record": None}),
-        (["curves", "r", "--recipe", "a", "b", "c"], {"runs": ["r"], "recipe": [["a", "b", "c"]], "each": False}),
+        (["curves", "r", "--label", "a"], {"runs": ["r"], "label": ["a"], "each": False}),
         (["safety", "x.yml", "--audit", "3"], {"audit": 3, "off": False, "steps": 1_000_000, "num_envs": 1024}),
         (["film", "inspector"], {"frames": 200, "fps": 25, "width": 800, "turn": 0.0, "episode": 0, "seed": 0}),
         (["help", "train"], 0),

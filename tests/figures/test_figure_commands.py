@@ -90,8 +90,7 @@ def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
         (["draw", "random", "no.such.key=1"], "no.such.key"),
         (["curves"], "give folders of training runs"),
         (["curves", "nowhere"], "nowhere: there is no such folder"),
-        (["curves", "--recipe", "label"], "there is no RUN after the label"),
-        (["curves", "--label", "label"], "--label needs RUNs"),
+        (["curves", "--label", "label"], "give folders of training runs"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_message(tmp_path, monkeypatch, capsys, command, message):
@@ -114,8 +113,6 @@ def test_learning_curves_are_drawn(tmp_path, capsys):
     runs = sorted(str(path) for path in tmp_path.glob("run_*"))
     assert main(["curves", *runs, "--output", str(tmp_path / "c.png")]) == 0
     assert "run (2)" in capsys.readouterr().out
-    assert (
-        main(["curves", "--recipe", "a", runs[0], "--recipe", "b", runs[1], "--output", str(tmp_path / "c.pdf")]) == 0
-    )
+    assert main(["curves", *runs, "--label", "a", "--label", "b", "--output", str(tmp_path / "c.pdf")]) == 0
     assert "a (1), b (1)" in capsys.readouterr().out
     assert (tmp_path / "c.pdf").read_bytes().startswith(b"%PDF")
