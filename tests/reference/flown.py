@@ -46,7 +46,8 @@ class Flown:
         self.printed = typed("evaluate", source, "--cfg", EXPERIMENT, *WORDS, *given)
         self.record = json.loads((self.folder / "evaluation.json").read_text())
         self.episodes, states = (dict(np.load(self.folder / f"{name}.npz")) for name in ("episodes", "trajectories"))
-        self.flights = [self._fly(starting(f"{episode}/", states)) for episode in range(EPISODES)]
+        self.trajectories = [starting(f"{episode}/", states) for episode in range(EPISODES)]
+        self.flights = [self._fly(trajectory) for trajectory in self.trajectories]
         self.status = np.array([flight.status for flight in self.flights])
         rows = [figures_of(flight) for flight in self.flights]
         self.figures = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
