@@ -202,12 +202,6 @@ def _count_burns(trajectory: Trajectory) -> float:
     return float(begins.sum() / control.shape[1])
 
 
-def sighting_steps(trajectory: Trajectory) -> IntArray:
-    """Return the step after which each point was inspected, -1 for never, shape (P,)."""
-    steps = np.searchsorted(trajectory.time, trajectory.inspected_at)
-    return np.where(np.isfinite(trajectory.inspected_at), steps, -1)
-
-
 class EpisodeCollector:
     """Collector of the figures of one episode in every row of a batch.
 
