@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Literal
@@ -19,17 +18,13 @@ from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry, name_of
 from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter, Intervention
 from safe_inspect.rta.filters.base import SAFE_DRAWS, differs, safe_states
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
-from safe_inspect.units import (
-    PositiveLength,
-    PositiveSpeed,
-)
+from safe_inspect.units import PositiveLength
 
 
 class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
@@ -46,15 +41,11 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             require the method ``backup``.
         deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
         method: ``backup`` enforces every constraint over the whole hold; ``continuous`` is the condition of
-            safe-autonomy-sims on the derivative at the start of the hold, which does not; ``simplex`` switches to a
-            backup controller.
+            safe-autonomy-sims on the derivative at the start of the hold, which does not.
         infeasible: What the method ``continuous`` applies if no thrust satisfies all conditions: ``least_violating``,
             or ``pass`` for the desired thrust, as safe-autonomy-sims does.
         intervention: What the method ``backup`` applies if the desired thrust is rejected: ``nearest``, a safe thrust
             near to it, or ``backup``, the backup plan, which leads to a closed motion within the constraints.
-        delta_v_limit: Delta-v limit of an episode with the method ``simplex`` [m/s], guaranteed if the plan of its
-            initial state satisfies it: when the rest is only enough for a plan, the plan is applied, and then the
-            deputy coasts. None: no limit.
         recoverable: Whether `refusals` also rejects states without a backup plan.
         disturbance: Bounds of the disturbances under which the method ``backup`` enforces the constraints, for a single
             deputy; see `BackupFilter`. None: the motion is exactly that of the model.
@@ -63,10 +54,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     state_observation_names: tuple[str, ...] = ()
     constraints: tuple[ConstraintEntry, ...] = NAMES
     deputy_radius: PositiveLength = 5.0
-    method: Literal["backup", "continuous", "simplex"] = "backup"
+    method: Literal["backup", "continuous"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
     intervention: Intervention = "nearest"
-    delta_v_limit: PositiveSpeed | None = None
     recoverable: bool = False
     disturbance: DisturbanceBounds | None = None
 
@@ -117,8 +107,7 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """Filter of the method `backup`, with these parameters and constraints."""
-        several = self.method != "simplex"  # The delta-v reserve of that method assumes plans of one hold.
-        return BackupFilter(self.agreeing, self._names, self.intervention, several, self.disturbance)
+        return BackupFilter(self.agreeing, self._names, self.intervention, disturbance=self.disturbance)
 
     @cached_property
     def _decentralised(self) -> TeamFilter:
@@ -127,11 +116,6 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     @cached_property
     def _continuous(self) -> ContinuousFilter:
         return ContinuousFilter(self.agreeing, self._names, self.infeasible)
-
-    @cached_property
-    def _simplex(self) -> SimplexFilter:
-        limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
-        return SimplexFilter(self.agreeing, self._names, limit)
 
     def recoverable_share(self) -> tuple[int, float] | None:
         """Return the number of sampled safe states, and the share from which the filter guarantees the constraints.
@@ -179,17 +163,13 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         state = self._seen(view)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
-        if self.method == "backup":
-            if self._pairs and view.world.num_deputies > 1:
-                others = view.others_position, view.others_velocity
-                return Filtered(self._decentralised.decentralised(state, desired, *others))
-            if self.disturbance is not None:
-                result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
-                return Filtered(result, {"plan": plan})
-            return Filtered(self.backup_filter(state, desired))
-        before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
-        switched, after = self._simplex(state, desired, before)
-        return Filtered(switched, {"latched": after.latched})
+        if self._pairs and view.world.num_deputies > 1:
+            others = view.others_position, view.others_velocity
+            return Filtered(self._decentralised.decentralised(state, desired, *others))
+        if self.disturbance is not None:
+            result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
+            return Filtered(result, {"plan": plan})
+        return Filtered(self.backup_filter(state, desired))
 
     def _seen(self, view: View) -> RelativeState:
         """Return the relative states of the deputies, estimated if there are estimates."""
@@ -206,10 +186,8 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         return run.backups(state)[1]
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare whether the switching filter has latched its backup controller, or the plan that is tracked."""
-        if self.disturbance is not None:
-            return {"plan": ArraySpec((MEMORY,))}
-        return {"latched": ArraySpec((), np.bool_)} if self.method == "simplex" else {}
+        """Declare the plan that is tracked under a disturbance."""
+        return {} if self.disturbance is None else {"plan": ArraySpec((MEMORY,))}
 
     def for_starts(self) -> RTAGlueCWHInspection1v1:
         """Return the glue that also rejects initial states from which the filter could not guarantee safety."""

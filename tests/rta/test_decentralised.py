@@ -143,13 +143,15 @@ def test_a_row_does_not_depend_on_its_batch(run, team):
     ("values", "message"),
     [
         ({"method": "continuous", "enabled": True}, "does not enforce 'deputy_collision'; use the method 'backup'"),
-        ({"method": "simplex", "enabled": True}, "does not enforce 'deputy_collision'"),
         ({"deputy_radius": 0.0}, "greater than 0"),
         ({"constraints": ("deputy_collision", "deputy_collision")}, "contain a duplicate"),
         ({"deputy_radius": 800.0, "enabled": True}, "must be less than r_max"),
         ({"constraints": (), "enabled": True}, "is empty, so the filter enforces nothing"),
         ({"disturbance": {}}, "the constraint 'deputy_collision' does not support `disturbance`"),
-        ({"disturbance": {}, "constraints": NAMES, "method": "simplex"}, "method 'simplex' does not support `dist"),
+        (
+            {"disturbance": {}, "constraints": NAMES, "method": "continuous"},
+            "method 'continuous' does not support `dist",
+        ),
         ({"intervention": "backup"}, "the constraint 'deputy_collision' does not support `intervention` 'backup'"),
         ({"intervention": "backup", "constraints": NAMES, "method": "continuous"}, "does not support `intervention`"),
     ],

@@ -17,11 +17,11 @@ import pytest
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
+from .admissible import admissible
 from .limit_flights import (
     BOUNDS,
     CLOSE,
@@ -116,7 +116,7 @@ def test_plans(name: str) -> None:
     half, _ = run.plans(state, 0.5)
     small = np.random.default_rng(4).uniform(-0.1, 0.1, (60, 3))
     assert 10 < found.sum() < 60
-    arrays = {"found": found, "half": half, "admissible": run.admissible(state, small)}
+    arrays = {"found": found, "half": half, "admissible": admissible(run, state, small)}
     check(f"plans, {name}", arrays | {"recoverable": run.recoverable(state), "thrust": one_number(thrust)})
 
 
@@ -136,19 +136,6 @@ def test_the_tube_filter(name: str, where: tuple[float, float, float]) -> None:
     found = noted(flight(step, where, 6))
     found["sum of memory"] = [one_number(one_number(after)) for after in memory]
     check(f"tube, {name}", found | {"memory": one_number(memory[-1][:SHOWN_ROWS])})
-
-
-def test_the_switching_filter() -> None:
-    run = SimplexFilter(delta_v_limit=3.0)
-    memory = [SimplexMemory.zeros(ROWS)]
-
-    def step(state: RelativeState, desired: FloatArray) -> Any:
-        result, after = run(state, desired, memory[-1])
-        memory.append(after)
-        return result
-
-    found = noted(flight(step, NEAR, 7))
-    check("switching", found | {"delta_v": memory[-1].delta_v, "latched": memory[-1].latched})
 
 
 @pytest.mark.parametrize("infeasible", ["least_violating", "pass"])
@@ -198,7 +185,7 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
         )  # fmt: skip
     small = np.random.default_rng(11).uniform(-0.05, 0.05, p.shape) * ~state.fixed[..., None]
     arrays = noted(iter(found)) | {"kept": kept, "first": one_number(thrust), "plans": plans, "plan": plan}
-    arrays |= {"recoverable": run.recoverable(state), "admissible": run.admissible(state, small)}
+    arrays |= {"recoverable": run.recoverable(state), "admissible": admissible(run, state, small)}
     arrays["sum of tracks"] = kept_tracks
     check(f"team, {name}", arrays if tracks is None else arrays | {"tracks": one_number(tracks)})
 

@@ -9,6 +9,8 @@ from team_safety import draw_teams
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
+from .admissible import admissible
+
 
 def flown(run, state, control, time=10.0):
     """Return the states after holding the thrusts for a while."""
@@ -39,7 +41,7 @@ def nearest_found(run, state, desired, start, rounds=30, tries=16):
         away /= np.sqrt(np.square(away).sum(axis=(-1, -2), keepdims=True)) + 1e-12
         length = np.minimum(step, apart(desired, best))
         trial = np.clip(best[:, None] + length[:, None, None, None] * away, -limit, limit)
-        safe = run.admissible(each, trial.reshape(-1, *best.shape[1:])).reshape(len(best), tries)
+        safe = admissible(run, each, trial.reshape(-1, *best.shape[1:])).reshape(len(best), tries)
         left = np.where(safe, apart(trial, desired[:, None]), np.inf)
         choice, gained = left.argmin(axis=1), left.min(axis=1) < apart(best, desired) - 1e-6
         best[gained] = trial[gained, choice[gained]]
@@ -57,7 +59,7 @@ def test_what_is_flown_is_the_nearest_but_for_few(deputies):
         desired = np.clip(generator.normal(size=state.position.shape), -1.0, 1.0)
         result = run(state, desired, plan)
         found = nearest_found(run, state, desired, result.control)
-        assert run.admissible(state, result.control).all()
+        assert admissible(run, state, result.control).all()
         short.append(apart(result.control, desired) - apart(found, desired))
         state, plan = flown(run, state, result.control), result.plan
     short = np.concatenate(short)

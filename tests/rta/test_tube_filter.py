@@ -196,7 +196,7 @@ def test_in_the_environment_every_constraint_holds_through_resets():
             {"bounds": {**FIELDS, "velocity": 5e-5}},
             "`velocity` is 0.0001, from BoundedDisturbance, which exceeds this bound",
         ),
-        ({"overrides": [f"{GLUE}.method=simplex"]}, "the method 'simplex' does not support `disturbance`"),
+        ({"overrides": [f"{GLUE}.method=continuous"]}, "the method 'continuous' does not support `disturbance`"),
         ({"bounds": {**FIELDS, "velocity_error": 3.0}}, "leave nothing of the 790 m"),
     ],
 )

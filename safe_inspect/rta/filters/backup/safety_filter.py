@@ -289,12 +289,3 @@ class BackupFilter(SafetyFilter):
                 tracked += self.tracker.gain[axis, k] * away[:, k]
             thrust[:, axis] = np.where(known, np.clip(tracked, -limit, limit), thrust[:, axis])
         return thrust
-
-    def admissible(self, state: RelativeState, control: FloatArray) -> BoolArray:
-        """Return the rows whose control would be applied unchanged, shape (R,)."""
-        control = checked(state, control)
-        out = np.empty(len(state), np.bool_)
-        compiled("backup.rows").admissible_rows(
-            self._model, state.position, state.velocity, state.sun_angle, control, out
-        )  # fmt: skip
-        return out

@@ -253,17 +253,12 @@ class TeamFilter:
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
         """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._rows(state, control, memory, True), control, memory
+        return self._find_plans(state, control, memory, self._models), control, memory
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._rows(state, control, memory, True, self._starts)
-
-    def admissible(self, state: TeamState, control: FloatArray) -> BoolArray:
-        """Return the environments whose joint control would be applied unchanged, shape (N,)."""
-        control = _checked(state, control)
-        return self._rows(state, control, np.zeros(control.shape[:2], np.int64), False)
+        return self._find_plans(state, control, memory, self._starts)
 
     def decentralised(
         self, state: RelativeState, desired: FloatArray, others_position: FloatArray, others_velocity: FloatArray
@@ -333,15 +328,13 @@ class TeamFilter:
         one, pair = models
         return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
-    def _rows(
-        self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool,
-        models: tuple[FilterModel, FilterModel] | None = None,
-    ) -> BoolArray:  # fmt: skip
+    def _find_plans(
+        self, state: TeamState, control: FloatArray, memory: IntArray, models: tuple[FilterModel, FilterModel]
+    ) -> BoolArray:
         out = np.empty(len(state), np.bool_)
-        compiled("team.rows").team_rows(
-            self._built(models or self._models), (state.position, state.velocity, state.sun_angle), control,
-            state.fixed, memory, plan, out,
-        )  # fmt: skip
+        compiled("team.rows").plan_team_rows(
+            self._built(models), (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out
+        )
         return out
 
 
