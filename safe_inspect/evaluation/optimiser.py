@@ -21,7 +21,6 @@ from safe_inspect.planning.coverage_problem import (
     CoverageProblem,
     control_authorities,
     impulse_responses,
-    lit_from_all_sides,
     sight_range,
 )
 from safe_inspect.planning.coverage_search import MAX_BURNS, SearchEffort, search_plan
@@ -134,7 +133,7 @@ def coverage_problem(
     turns = np.full(steps + 1, world.sun_rate * world.step_size)
     turns[0] = state.sun_angle[row]
     angle = np.add.accumulate(turns)  # summed exactly as the simulator does
-    lit = lit_from_all_sides(model, predicted_sun(state, row, angle, world)[1])
+    lit = model.lit(predicted_sun(state, row, angle, world)[1])
     needed = np.flatnonzero(state.points[task.entity].inspector[row] < 0)
     normals = model.points[needed] / model.radius
     begin = np.concatenate((state.position[row, 0], state.velocity[row, 0]))

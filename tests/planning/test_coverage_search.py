@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.step_maps import step_maps
-from safe_inspect.geometry.light import binary_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.planning.coverage_problem import (
     CoverageProblem,
     control_authorities,
     impulse_responses,
-    lit_from_all_sides,
     perturb_burns,
     random_burn,
     resample_sightings,
@@ -37,7 +35,6 @@ from safe_inspect.planning.coverage_search import (
     search_plan,
 )
 from safe_inspect.planning.linear_program import _invert
-from safe_inspect.tasks.inspection.points_view import PointsModel
 
 from ..golden.records import check_record
 
@@ -182,17 +179,3 @@ def test_the_inverse_is_that_of_numpy(size: int) -> None:
             np.testing.assert_allclose(inverse[:size, :size], np.linalg.inv(matrix), atol=1e-10)
     assert not _invert(np.array([[0.9e-9]]), np.empty((1, 1)), 1)
     assert _invert(np.array([[1.2e-9]]), np.empty((1, 1)), 1)
-
-
-def test_a_point_counts_as_lit_where_it_is_from_above_and_from_below() -> None:
-    points = sphere_points("fibonacci", 60, RADIUS)
-    angle = np.linspace(0.0, 2.0 * np.pi, 24)
-    sun = np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)
-    plain = PointsModel("chief", 1, points, RADIUS, binary_light(RADIUS))
-    np.testing.assert_array_equal(lit_from_all_sides(plain, sun), sun @ points.T > 0.0)
-    shiny = PointsModel("chief", 1, points, RADIUS, phong_light(RADIUS, shininess=4.0))
-    found = lit_from_all_sides(shiny, sun)
-    sides = [shiny.lit(np.tile((0.0, 0.0, z), (24, 1)), sun) for z in (1e6, -1e6)]
-    np.testing.assert_array_equal(found, sides[0] & sides[1])
-    assert (found != sides[0]).any()
-    assert (found != sides[1]).any()
