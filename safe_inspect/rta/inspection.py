@@ -1,4 +1,4 @@
-"""Safety glue of inspection by one deputy, which can also avoid other deputies, and safety filter of a team."""
+"""Safety glue of inspection by one deputy, and safety filter of a team."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.base import Filtered, SafetyGlue, TeamFiltered, TeamSafety, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import TaskParameters
-from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry, name_of
+from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter, Intervention
 from safe_inspect.rta.filters.base import SAFE_DRAWS, differs, safe_states
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, View
@@ -30,16 +30,13 @@ from safe_inspect.units import PositiveLength
 class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     """Run-time assurance for one deputy that inspects a chief at the origin of Hill's frame.
 
-    If there are several deputies, each filters its own thrust: it avoids the others if `constraints` says so, assuming
-    that they coast. This does not separate two deputies that both apply thrust; `RTACWHInspectionTeam` does.
+    If there are several deputies, each filters its own thrust, regardless of the others; `RTACWHInspectionTeam` also
+    keeps them apart.
 
     Attributes:
         state_observation_names: Observations that the filter of safe-autonomy-sims reads; this filter reads the state
             itself.
-        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` enforces
-            the distance from every other deputy, and ``deputy_PSM`` the distance during `psm_horizon` of coasting; both
-            require the method ``backup``.
-        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
+        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``.
         method: ``backup`` enforces every constraint over the whole hold; ``continuous`` is the condition of
             safe-autonomy-sims on the derivative at the start of the hold, which does not.
         infeasible: What the method ``continuous`` applies if no thrust satisfies all conditions: ``least_violating``,
@@ -53,7 +50,6 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     state_observation_names: tuple[str, ...] = ()
     constraints: tuple[ConstraintEntry, ...] = NAMES
-    deputy_radius: PositiveLength = 5.0
     method: Literal["backup", "continuous"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
     intervention: Intervention = "nearest"
@@ -62,23 +58,17 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
-        assert self._constraints is not None  # Reports wrong parameters now, not at the first step.
-        pairs = tuple(map(name_of, self._pairs))
+        for name, constraint in self._constraints.items():  # Reports wrong parameters now, not at the first step.
+            if constraint.pair:
+                raise ValueError(f"{name!r} is about two deputies; remove it, and use the team's RTACWHInspectionTeam")
         if self.enabled and not self.constraints:
             raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
-        if len(pairs) != len(set(pairs)):
-            raise ValueError(f"the constraints {list(map(name_of, self.constraints))} contain a duplicate; remove it")
-        if pairs and self.method != "backup":
+        if self.disturbance is not None and self.method != "backup":
+            raise ValueError(f"the method {self.method!r} does not support `disturbance`; remove one of them")
+        if self.intervention != "nearest" and self.method != "backup":
             raise ValueError(
-                f"the method {self.method!r} does not enforce {pairs[0]!r}; use the method 'backup', or remove it"
+                f"the method {self.method!r} does not support `intervention` {self.intervention!r}; remove one of them"
             )
-        what = f"the constraint {pairs[0]!r}" if pairs else f"the method {self.method!r}"
-        if self.disturbance is not None and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} does not support `disturbance`; remove one of them")
-        if self.intervention != "nearest" and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} does not support `intervention` {self.intervention!r}; remove one of them")
-        if self._pairs and self.enabled:
-            assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
             assert self.backup_filter is not None
         if self.enabled and self.method == "continuous":
@@ -87,35 +77,21 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @cached_property
     def _constraints(self) -> dict[str, Constraint]:
-        return constraint_set(self.agreeing, self._names)
+        return constraint_set(self.agreeing, self.constraints)
 
     @property
     def kept(self) -> dict[str, Constraint]:
         """The constraints that the filter guarantees, by name; none with the method ``continuous``."""
-        if self.method == "continuous":
-            return {}
-        return {**self._constraints, **constraint_set(self.agreeing, self._pairs, self.deputy_radius)}
-
-    @property
-    def _names(self) -> tuple[str | Constraint, ...]:
-        return tuple(entry for entry in self.constraints if name_of(entry) not in PAIR_CONSTRAINTS)
-
-    @property
-    def _pairs(self) -> tuple[str | Constraint, ...]:
-        return tuple(entry for entry in self.constraints if name_of(entry) in PAIR_CONSTRAINTS)
+        return {} if self.method == "continuous" else self._constraints
 
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """Filter of the method `backup`, with these parameters and constraints."""
-        return BackupFilter(self.agreeing, self._names, self.intervention, disturbance=self.disturbance)
-
-    @cached_property
-    def _decentralised(self) -> TeamFilter:
-        return TeamFilter(self.agreeing, (*self._names, *self._pairs), self.deputy_radius)
+        return BackupFilter(self.agreeing, self.constraints, self.intervention, disturbance=self.disturbance)
 
     @cached_property
     def _continuous(self) -> ContinuousFilter:
-        return ContinuousFilter(self.agreeing, self._names, self.infeasible)
+        return ContinuousFilter(self.agreeing, self.constraints, self.infeasible)
 
     def recoverable_share(self) -> tuple[int, float] | None:
         """Return the number of sampled safe states, and the share from which the filter guarantees the constraints.
@@ -163,9 +139,6 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         state = self._seen(view)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
-        if self._pairs and view.world.num_deputies > 1:
-            others = view.others_position, view.others_velocity
-            return Filtered(self._decentralised.decentralised(state, desired, *others))
         if self.disturbance is not None:
             result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
             return Filtered(result, {"plan": plan})

@@ -22,6 +22,7 @@ from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
 from .admissible import admissible
+from .coasting_others import among_coasting, beside
 from .limit_flights import (
     BOUNDS,
     CLOSE,
@@ -190,9 +191,10 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
     check(f"team, {name}", arrays if tracks is None else arrays | {"tracks": one_number(tracks)})
 
 
-def test_the_decentralised_filter() -> None:
+def test_one_deputy_among_others_that_coast() -> None:
     run, others = TeamFilter(None, (*NAMES, "deputy_collision")), drawn(12, 2 * ROWS, (15.0, 40.0, 0.05))
     p, v = others.position.reshape(ROWS, 2, 3), others.velocity.reshape(ROWS, 2, 3)
     p = drawn(13, ROWS, NEAR).position[:, None] + 0.5 * p
-    found = noted(flight(lambda state, desired: run.decentralised(state, desired, p, v), NEAR, 13))
-    check("decentralised", found | {"recoverable": run.recoverable(TeamState.beside(drawn(13, ROWS, NEAR), p, v))})
+    found = noted(flight(lambda state, desired: beside(run, state, desired, p, v), NEAR, 13))
+    kept = run.recoverable(among_coasting(drawn(13, ROWS, NEAR), p, v))
+    check("decentralised", found | {"recoverable": kept})

@@ -359,8 +359,6 @@ def test_an_intervention_belongs_to_the_method_backup():
     assert RTAGlueCWHInspection1v1(intervention="backup").backup_filter.intervention == "backup"
     with pytest.raises(ValueError, match="the method 'continuous' does not support `intervention` 'backup'"):
         RTAGlueCWHInspection1v1(intervention="backup", method="continuous")
-    with pytest.raises(ValueError, match="the constraint 'deputy_collision' does not support `intervention`"):
-        RTAGlueCWHInspection1v1(intervention="backup", constraints=("r_max", "deputy_collision"))
 
 
 @pytest.mark.parametrize(
