@@ -136,27 +136,14 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold during the next step."""
-        state = self._seen(view)
+        offered = view.world.offers.view
+        state = self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
         if self.disturbance is not None:
             result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
             return Filtered(result, {"plan": plan})
         return Filtered(self.backup_filter(state, desired))
-
-    def _seen(self, view: View) -> RelativeState:
-        """Return the relative states of the deputies, estimated if there are estimates."""
-        offered = view.world.offers.view
-        return self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
-
-    def backup(self, view: View) -> FloatArray:
-        """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero if there is none."""
-        if self.method == "continuous":
-            return super().backup(view)
-        run, state = self.backup_filter, self._seen(view)
-        if self.disturbance is not None:
-            return run.tracking(state, view.memory(SAFETY_FILTER, "plan"))
-        return run.backups(state)[1]
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the plan that is tracked under a disturbance."""

@@ -537,20 +537,3 @@ def test_safe_fixed_initial_states_and_those_of_a_sampler_are_not(fixed_start, s
 def test_only_certifying_methods_state_what_they_keep():
     assert RTAGlueCWHInspection1v1(method="continuous").kept == {}
     assert {"chief_collision", "PSM", "sun"} <= set(RTAGlueCWHInspection1v1(method="backup").kept)
-
-
-def test_an_invalid_action_is_replaced_by_the_backup_plan_of_the_method(spec_with):
-    for overrides in ((ON,), (ON, f"{GLUE}.method=continuous"), (ON, f"{GLUE}.disturbance={{velocity: 1 mm/s}}")):
-        env = BatchedEnvironment(spec_with(*overrides), 16, seed=SEED)
-        env.reset()
-        glue = env.spec.agents[0].action_glues[0]
-        found = glue.backup(env.view())
-        if "method" in str(overrides):
-            np.testing.assert_array_equal(found, np.zeros((16, 3)))
-            continue
-        assert np.abs(found).max() > 0.0
-        if glue.disturbance is None:
-            np.testing.assert_array_equal(found, BackupFilter().backups(relative(env))[1])
-        for _ in range(3):  # flown, it leaves every constraint satisfied
-            env.step(glue.backup(env.view())[:, None])
-            assert min(phi.min() for phi in phi_of(env).values()) >= 0.0
