@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scikit_clusters import Clusters, cluster_sklearn
 from scipy.spatial.transform import Rotation
-from sklearn.cluster import KMeans
-from sklearn.exceptions import ConvergenceWarning
 
-from safe_inspect.geometry.clusters import KMeansRule, RowDraws, cluster_candidates, cluster_row, max_clusters
+from safe_inspect.geometry.clusters import KMeansRule, RowDraws, cluster_candidates, max_clusters
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Surface
 
@@ -27,41 +24,10 @@ PER_CLUSTER = 10
 K = 10
 
 
-class Clusters(NamedTuple):
-    """The arrays of the rows, in the order of the arguments of `cluster_candidates`."""
-
-    centres: np.ndarray
-    num_centres: np.ndarray
-    candidates: np.ndarray
-    settled: np.ndarray
-
-
 def cluster(points: np.ndarray, candidates: np.ndarray, clusters: Clusters, draws: RowDraws, rule: KMeansRule) -> None:
     """Cluster given candidates: those that no deputy has inspected, in a light in which every point is lit."""
     inspector, sun = np.where(candidates, -1, 0).astype(np.int8), np.tile([1.0, 0.0, 0.0], (len(candidates), 1))
     cluster_candidates(1, sun, Surface(points, 10.0, -math.inf), inspector, *clusters, draws, rule)
-
-
-def cluster_sklearn(
-    points: np.ndarray, candidates: np.ndarray, clusters: Clusters, draws: RowDraws, rule: KMeansRule
-) -> None:
-    """Cluster rows as `cluster_candidates` does, with scikit-learn's K-means from the same first centres."""
-    centres, count, previous, settled = clusters
-    start, work = rule._replace(max_iterations=0), (np.empty(len(points) + 1, np.int64), np.empty((3, len(points))))
-    for row in np.flatnonzero(~settled | (candidates != previous).any(axis=1)):
-        key, step = draws.key[row], draws.step[row]
-        k, _ = cluster_row(points, candidates[row], centres[row], count[row], key, step, start, *work)
-        count[row] = k
-        converged = True
-        if k:
-            means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=rule.max_iterations, tol=0.0)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)  # raised for fewer distinct centres than clusters
-                means.fit(points[candidates[row]])
-            centres[row, :k] = means.cluster_centers_
-            converged = means.n_iter_ < rule.max_iterations and len(np.unique(means.labels_)) == k
-        settled[row] = converged
-        previous[row] = candidates[row]
 
 
 @dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import Audit, fly_filtered
@@ -12,8 +13,6 @@ from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.speeds import CrossTrackSpeed
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-
-from .admissible import admissible
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N

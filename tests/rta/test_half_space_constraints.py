@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.errors import PluginValueError
@@ -17,8 +18,6 @@ from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
-
-from .admissible import admissible
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
@@ -21,7 +22,6 @@ from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
-from .admissible import admissible
 from .coasting_others import among_coasting, beside
 from .limit_flights import (
     BOUNDS,

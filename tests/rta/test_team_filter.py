@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from admissible import admissible
 from pydantic import ValidationError
 from team_safety import draw_teams, team_report, team_thrust
 
@@ -16,8 +17,6 @@ from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamView
 from safe_inspect.simulators.world import World
 from safe_inspect.tasks.inspection.sun import Sun
-
-from .admissible import admissible
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -128,11 +127,11 @@ def test_one_deputy_is_the_single_filter():
     generator = np.random.default_rng(9)
     for size in (0.02, 0.1, 1.0):
         desired = generator.uniform(-size, size, (60, 1, 3))
-        same = alone.admissible(start.alone(0), desired[:, 0])
-        np.testing.assert_array_equal(team.admissible(start, desired), same)
+        same = admissible(alone, start.alone(0), desired[:, 0])
+        np.testing.assert_array_equal(admissible(team, start, desired), same)
         one, joint = alone(start.alone(0), desired[:, 0]), team(start, desired)
         np.testing.assert_array_equal(joint.control[same, 0], one.control[same])
-        assert alone.admissible(start.alone(0), joint.control[:, 0])[~joint.backup].all()
+        assert admissible(alone, start.alone(0), joint.control[:, 0])[~joint.backup].all()
         gap = np.linalg.norm(joint.control[:, 0] - one.control, axis=-1)
         assert np.median(gap) < 1e-6
 
@@ -140,7 +139,7 @@ def test_one_deputy_is_the_single_filter():
 def test_without_constraints_of_pairs_the_deputies_do_not_see_each_other(start):
     run, alone = TeamFilter(names=BackupFilter().names), BackupFilter()
     desired = np.random.default_rng(10).uniform(-0.05, 0.05, start.position.shape)
-    each = np.stack([alone.admissible(start.alone(i), desired[:, i]) for i in range(3)], axis=1)
+    each = np.stack([admissible(alone, start.alone(i), desired[:, i]) for i in range(3)], axis=1)
     np.testing.assert_array_equal(admissible(run, start, desired), each.all(axis=1))
 
 

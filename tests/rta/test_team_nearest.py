@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from admissible import admissible
 from team_safety import draw_teams
 
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
-
-from .admissible import admissible
 
 
 def flown(run, state, control, time=10.0):
