@@ -64,7 +64,7 @@ def of_agents(flown, label):
 
 def test_every_built_in_metric_is_measured(flown):
     labels = {metric.label for metric in EVERY}
-    assert len(labels) == len(EVERY) == 20
+    assert len(labels) == len(EVERY) == 19
     assert set(flown.metrics) == set(flown.units) == labels
     for metric in EVERY:
         for agent in flown.agents.values():
