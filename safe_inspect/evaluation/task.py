@@ -71,8 +71,6 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     """
     filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
     usual: list[BaseMetric] = [metrics.Interventions()]
-    if any(safety is not None and safety.enabled and safety.invalid_actions == "backup" for safety in filters):
-        usual.append(metrics.InvalidActions())
     if any(action_layout(agent).coast is not None for agent in spec.agents):
         usual.append(metrics.Decisions())
     bodies = [name for name in (*_points_of(spec), *spec.reset.entities) if name in spec.reset.entities]

@@ -116,17 +116,6 @@ class Interventions(Metric):
         return np.where(step.intervening, 1.0, 0.0)
 
 
-class InvalidActions(Metric):
-    """Number of steps with a NaN or infinite action, which the safety filter replaced by the backup's; shape (R,)."""
-
-    unit: ClassVar[str] = "steps"
-    reduce: ClassVar[Reduce] = "sum"
-
-    def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with an invalid action, otherwise 0, shape (R,)."""
-        return np.zeros(step.after.num_rows) if step.invalid is None else np.where(step.invalid, 1.0, 0.0)
-
-
 class InterventionShare(Metric):
     """Fraction of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
 

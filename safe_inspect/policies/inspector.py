@@ -13,10 +13,10 @@ from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.geometry.distance import lengths
+from safe_inspect.geometry.visibility import sight_range
 from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
 from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, coast_others
 from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
-from safe_inspect.planning.visibility import lit_from_all_sides, sight_range
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName, Plugin, PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, dot_rows, shortened
@@ -170,7 +170,7 @@ class NaturalMotionInspector(ScriptedPolicy):
         sun, light = predicted_sun(view.state, env, angle, world)
         problem = BurnProblem(
             maps=step_maps(world.mean_motion, world.step_size, self.horizon),
-            lit=lit_from_all_sides(model, light),
+            lit=model.lit(light),
             sun=sun,
             points=model.points,
             radius=model.radius,

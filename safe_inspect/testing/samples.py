@@ -52,8 +52,6 @@ _FURTHER_PARTS = (
     "Sensor_EntityVelocity",
     "Sensor_NearestDeputiesPosition",
     "Sensor_NearestDeputiesVelocity",
-    "Sensor_NearestDeputiesPresence",
-    "Sensor_DeputyScan",
     "Sensor_AngularVelocity",
     "Sensor_OrientationUnitVector",
     "Sensor_Quaternion",

@@ -114,7 +114,7 @@ def turned():
 def filtered():
     glue = "agent_config.blue0_ctrl.config.config.glues.0.config"
     task = configs_root() / "translational-inspection" / "experiment-seed.yml"
-    return load_experiment(task, (f"{glue}.enabled=True", f"{glue}.method=simplex")).spec
+    return load_experiment(task, (f"{glue}.enabled=True",)).spec
 
 
 @pytest.fixture(scope="module")

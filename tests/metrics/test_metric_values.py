@@ -59,7 +59,7 @@ def of_agents(flown, label):
 
 def test_every_built_in_metric_is_measured(flown):
     labels = {metric.label for metric in EVERY}
-    assert len(labels) == len(EVERY) == 14
+    assert len(labels) == len(EVERY) == 13
     assert set(flown.metrics) == set(flown.units) == labels
     for metric in EVERY:
         for agent in flown.agents.values():
