@@ -12,7 +12,6 @@ import json
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -146,11 +145,8 @@ DQN_KEYS: dict[str, Key] = _REPLAY_KEYS | by_name(
 )
 
 #: Algorithms with a table of additional keys here. The values of keys that are in no table are checked when Ray is
-#: loaded; their names are in `rllib_release`.
+#: loaded; `keys_of_release` gives their names.
 ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
-#: Algorithms with a complete table, for which any other key is a mistake.
-CLOSED_ALGORITHMS = ("PPO",)
-
 #: Names of RLlib's algorithms for environments (offline algorithms need data and are rejected).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 
@@ -264,30 +260,8 @@ PLACE_KEYS = frozenset(
 RELEASE = Path(__file__).with_name("rllib_release.json")
 
 
-def keys_of_release(algorithm: str) -> frozenset[str] | None:
-    """Return the names of the keys of an algorithm.
-
-    The result is None if another release of Ray than that of the list is installed: its names are known only when it is
-    loaded.
-
-    Args:
-        algorithm: Name of the algorithm.
-    """
-    listed, installed = _listed(), _installed()
-    if installed not in (None, listed["ray"]):
-        return None
-    return frozenset(listed["every algorithm"]) | frozenset(listed[algorithm])
-
-
 @lru_cache
-def _listed() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(RELEASE.read_text(encoding="utf-8"))
+def keys_of_release() -> dict[str, list[str]]:
+    """Return the names of the keys that each algorithm of RLlib has in addition to those of every algorithm."""
+    found: dict[str, list[str]] = json.loads(RELEASE.read_text(encoding="utf-8"))
     return found
-
-
-@lru_cache
-def _installed() -> str | None:
-    try:
-        return version("ray")
-    except PackageNotFoundError:
-        return None

@@ -60,10 +60,6 @@ TUNE_DROPPED: dict[str, str] = by_name(
         "Ray's logs are copied into the run folder when a run fails": "log_to_file",
         "the run folder is on a disk that all nodes share": "sync_config upload_dir",
         "a failed training is always an error": "raise_on_failed_trial fail_fast",
-        "Tune always queues": "queue_trials",
-        "safe_inspect names the folders": "trial_name_creator trial_dirname_creator",
-        "checkpoints contain the policy": "export_formats",
-        "it no longer has an effect": "server_port",
     }
 )
 
@@ -124,11 +120,6 @@ RAY_RENAMED: dict[str, str] = {"_temp_dir": "temporary_folder", "temp_dir": "tem
 RAY_DROPPED: dict[str, str] = {
     "local_mode": "Ray no longer supports it; `num_env_runners: 0` samples in the learner's process",
     "ignore_reinit_error": "safe_inspect uses Ray if its process has already started it",
-    "configure_logging": "safe_inspect configures Ray's logs",
-    "redis_max_memory": "it no longer has an effect",
-    "_redis_password": "it no longer has an effect",
-    "_memory": "it no longer has an effect",
-    "webui_host": "it no longer has an effect; see `dashboard_host`",
 }
 
 #: The value of an iteration with the time [s] that this and the earlier iterations have waited for the compiler.

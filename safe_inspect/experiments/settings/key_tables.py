@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -211,10 +211,9 @@ class KeyTables:
         renamed: Old names with the current ones.
         dropped: Names without effect, with the reason.
         only_at: Names that are accepted only with certain values, with these values and the reason.
-        refusal: Function that returns why a name cannot be set; empty if it is not reserved.
+        refused: Names that cannot be set, with the reason.
         spellings: Alternative spellings with the usual ones.
-        open: Whether further keys exist, whose values can only be checked once Ray is loaded.
-        names: Names of these further keys; None accepts every name, where only the loaded Ray knows the names.
+        unchecked: Names of further keys, whose values can only be checked once Ray is loaded.
         searchable: Whether values may be searched.
     """
 
@@ -222,10 +221,9 @@ class KeyTables:
     renamed: Mapping[str, str]
     dropped: Mapping[str, str]
     only_at: Mapping[str, tuple[tuple[object, ...], str]]
-    refusal: Callable[[str], str] = lambda name: ""
+    refused: Mapping[str, str] = field(default_factory=dict)
     spellings: Mapping[str, str] = field(default_factory=dict)
-    open: bool = False
-    names: frozenset[str] | None = None
+    unchecked: Collection[str] = ()
     searchable: bool = False
 
 
@@ -256,13 +254,12 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             notes.append(f"`{given}` is now `{name}`")
         target = name.partition(".")[0]
         if target not in tables.known:
-            reason = tables.refusal(name)
-            if reason:
-                problems.append(Problem(f"`{given}` cannot be set here: {reason}", where))
-            elif tables.open and (name.isidentifier() if tables.names is None else name in tables.names):
+            if name in tables.refused:
+                problems.append(Problem(f"`{given}` cannot be set here: {tables.refused[name]}", where))
+            elif name in tables.unchecked:
                 settings[name] = value
             else:
-                names = [*tables.known, *tables.renamed, *(tables.names or ())]
+                names = [*tables.known, *tables.renamed, *tables.unchecked]
                 problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
             continue
         if name in source:

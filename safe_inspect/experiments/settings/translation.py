@@ -25,9 +25,8 @@ from safe_inspect.experiments.settings.key_tables import (
     translate_keys,
 )
 
-_MODEL = KeyTables(
-    keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
-)
+_MODEL = KeyTables(keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, {}, old_keys.MODEL_ONLY_AT)
+_REFUSED = old_keys.RESERVED | dict.fromkeys(_MODEL.known, "it is a key of `model_config`")
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
@@ -153,10 +152,9 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
-        _refusal,
+        _REFUSED,
         old_keys.SPELLINGS,
-        open=algorithm not in keys.CLOSED_ALGORITHMS,
-        names=keys_of_release(algorithm),
+        unchecked=keys_of_release()[algorithm],
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
@@ -188,15 +186,6 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += evaluation.notes
         problems += evaluation.problems
     return found
-
-
-def _refusal(name: str) -> str:
-    """Return why a key of RLlib cannot be set; empty if it is not reserved."""
-    if name in keys.MODEL_KEYS or name in keys.FRESH_KEYS:
-        return "it is a key of `model_config`"
-    prefixes = (reason for prefix, reason in old_keys.RESERVED_PREFIXES.items() if name.startswith(prefix))
-    parts = (reason for part, reason in old_keys.RESERVED_PARTS.items() if part in name)
-    return old_keys.RESERVED.get(name) or next(prefixes, "") or next(parts, "")
 
 
 def _instead(algorithm: str) -> str:
