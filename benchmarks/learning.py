@@ -67,7 +67,7 @@ def table(figures: dict[str, Evaluation]) -> str:
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
 
 
-def untrained_policy(checkpoint: Path, policy: str) -> Any:
+def untrained_policy(checkpoint: Path, policy: str | None) -> Any:
     """Return a policy with the settings of a checkpoint's, but with new random weights."""
     import torch
 

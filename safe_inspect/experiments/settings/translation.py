@@ -5,14 +5,15 @@ Nothing here imports Ray, so that `safe-inspect validate` takes a fraction of a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
+
+from annotated_types import Ge
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.old_keys import key_hint
-from safe_inspect.config.keys.rllib_keys import Key, keys_of_release
+from safe_inspect.config.keys.rllib_keys import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.key_tables import (
     EVAL,
@@ -30,7 +31,7 @@ _REFUSED = old_keys.RESERVED | dict.fromkeys(_MODEL.known, "it is a key of `mode
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
-_LIMIT = Key("number", low=1, high=math.inf)
+_LIMIT = keys.numeric(float, Ge(1))
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
 
@@ -290,7 +291,7 @@ def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Pr
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
             notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else Key("number"), value)
+        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else keys.NUMBER, value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif name in settings:
