@@ -296,7 +296,7 @@ def test_what_is_no_command_line_is_refused(typed, words):
             "initial_weights=dockin",
             "'dockin' is neither the folder of a checkpoint nor a policy that the package ships",
         ),
-        ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
+        ("fcnet_activation=gelu", "expected 'tanh', 'relu', 'swish', 'silu' or 'linear', got 'gelu'"),
     ],
 )
 def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, shown):
