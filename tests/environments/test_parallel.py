@@ -273,6 +273,6 @@ def test_the_core_is_untouched_by_infos():
 
 
 def test_what_the_environments_say_of_themselves() -> None:
-    shown = {"render_modes": ["rgb_array", "human"], "render_fps": 25}
+    shown = {"render_modes": ["rgb_array"], "render_fps": 25}
     assert InspectionParallelEnv.metadata == {**shown, "name": "safe_inspect", "is_parallelizable": True}
     assert InspectionEnv.metadata.items() >= shown.items()  # a vector adds its autoreset_mode

@@ -13,7 +13,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import current_infos, info_row, step_info
 from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot, fresh_seed
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODES, Rendered, Rendering, checked_mode
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered, new_rendering
 from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions, space_of
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
@@ -41,7 +41,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         spec: The task.
         slot: Global index of the environment slot.
         gamma: Discount per control step within a decision.
-        render_mode: ``rgb_array``: `render` returns images; ``human``: every step is shown in a window; None: neither.
+        render_mode: ``rgb_array``: `render` returns images; None: it raises an error.
 
     Attributes:
         possible_agents: Names of the agents, in order.
@@ -51,7 +51,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
     """
 
     metadata = {  # noqa: RUF012 - as PettingZoo does
-        "render_modes": list(RENDER_MODES),
+        "render_modes": [RENDER_MODE],
         "render_fps": RENDER_FPS,
         "name": "safe_inspect",
         "is_parallelizable": True,
@@ -61,10 +61,10 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
     ) -> None:
         self._gamma = checked_gamma(gamma)
-        self.render_mode = checked_mode(render_mode)
+        self.render_mode = render_mode
         self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
-        self._view = None if render_mode is None else Rendering(self.core, render_mode)
+        self._view = new_rendering(self.core, render_mode)
         self._controlled = AgentsByName(self.core)
         self.possible_agents = list(self._controlled.places)
         self.agents: list[str] = []
@@ -116,7 +116,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         return self._by_agent(observations), infos
 
     def close(self) -> None:
-        """Close the window, if there is one, and end the episode."""
+        """End the episode."""
         super().close()
         self.agents = []
 

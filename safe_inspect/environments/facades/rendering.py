@@ -1,8 +1,7 @@
-"""`Rendering`: images of environments, drawn with Pillow, and the `Window` that shows them."""
+"""`Rendering`: images of environments, drawn with Pillow."""
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -15,27 +14,10 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Frames per second of a recording, for Gymnasium's wrappers: an episode of 400 steps becomes a video of 16 s.
 RENDER_FPS = 25
-RENDER_MODES = ("rgb_array", "human")
+RENDER_MODE = "rgb_array"
 
 _SIZE, _FINE = 480, 2  # pixels; drawn at twice the size and averaged, so that lines are smooth
 _CORNERS = 73  # number of corners of the polygons that draw circles and rings
-
-
-def checked_mode(render_mode: str | None) -> str | None:
-    """Return a render mode.
-
-    Raises:
-        ValueError: The mode is unknown.
-        MissingLibraryError: Pillow is not installed.
-    """
-    if render_mode is not None:
-        if render_mode not in RENDER_MODES:
-            raise ValueError(f"render_mode must be one of {', '.join(RENDER_MODES)} or None, not {render_mode!r}")
-        try:
-            import PIL  # noqa: F401
-        except ModuleNotFoundError:
-            raise MissingLibraryError("rendering needs Pillow; install it with: pip install pillow") from None
-    return render_mode
 
 
 class Rendering:
@@ -43,11 +25,9 @@ class Rendering:
 
     Args:
         environment: The batch; its state is read whenever an image is drawn.
-        render_mode: With ``human``, the first environment is shown in a window at every state.
     """
 
-    def __init__(self, environment: TeamEnvironment, render_mode: str) -> None:
-        self._window = Window() if render_mode == "human" else None
+    def __init__(self, environment: TeamEnvironment) -> None:
         world = environment.simulation.world
         points = world.offers.world.get("points", {})
         self._environment, self._deputies = environment, world.num_deputies
@@ -61,27 +41,12 @@ class Rendering:
         positions = self._positions()
         for row in range(len(self._ways)) if rows is None else rows.tolist():
             self._ways[row] = [positions[row]]
-        self._show()
 
     def follow(self, rows: BoolArray | None = None) -> None:
         """Record the state after a step of a mask of environments, shape (N,), or of all environments."""
         positions = self._positions()
         for row in range(len(self._ways)) if rows is None else np.flatnonzero(rows).tolist():
             self._ways[row].append(positions[row])
-        self._show()
-
-    def render(self) -> Any:
-        """Return the image of the first environment; None if it is shown in a window."""
-        return self.picture() if self._window is None else None
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-
-    def _show(self) -> None:
-        if self._window is not None:
-            self._window.show(self.picture())
 
     def picture(self, row: int = 0) -> AnyArray:
         """Return an image of the current state of an environment: red, green and blue, uint8, shape (480, 480, 3).
@@ -163,22 +128,35 @@ class Rendering:
 
 
 class Rendered:
-    """Methods of `Rendering` for environments of one slot, for Gymnasium and for PettingZoo."""
+    """The method `render` of environments of one slot, for Gymnasium and for PettingZoo."""
 
     _view: Rendering | None = None
 
     def render(self) -> Any:
-        """Return the image of the current state, uint8, shape (480, 480, 3); None if it is shown in a window.
+        """Return the image of the current state, uint8, shape (480, 480, 3).
 
         Raises:
             SafeInspectError: The environment was made without a render mode, or no episode has started.
         """
-        return require_rendering(self._view).render()
+        return require_rendering(self._view).picture()
 
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._view is not None:
-            self._view.close()
+
+def new_rendering(environment: TeamEnvironment, render_mode: str | None) -> Rendering | None:
+    """Return the rendering of a batch; None without a render mode.
+
+    Raises:
+        ValueError: The mode is unknown.
+        MissingLibraryError: Pillow is not installed.
+    """
+    if render_mode is None:
+        return None
+    if render_mode != RENDER_MODE:
+        raise ValueError(f"render_mode must be {RENDER_MODE} or None, not {render_mode!r}")
+    try:
+        import PIL  # noqa: F401
+    except ModuleNotFoundError:
+        raise MissingLibraryError("rendering needs Pillow; install it with: pip install pillow") from None
+    return Rendering(environment)
 
 
 def require_rendering(view: Rendering | None) -> Rendering:
@@ -188,54 +166,8 @@ def require_rendering(view: Rendering | None) -> Rendering:
         SafeInspectError: There is no rendering.
     """
     if view is None:
-        raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array' or 'human'")
+        raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array'")
     return view
-
-
-class Window:
-    """Tk window that shows images on a display. It is opened when the first image is shown."""
-
-    def __init__(self) -> None:
-        self._missing = False
-        self._root: Any = None
-        self._label: Any = None
-        self._image: Any = None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Window, ()  # a copy opens its own window
-
-    def show(self, image: AnyArray) -> None:
-        """Show an image; without a display or without Tk, warn once."""
-        if self._missing:
-            return
-        try:
-            import tkinter
-
-            from PIL import Image, ImageTk
-
-            if self._root is None:
-                self._root = tkinter.Tk()
-                self._root.title("safe_inspect")
-                self._label = tkinter.Label(self._root)
-                self._label.pack()
-            self._image = ImageTk.PhotoImage(Image.fromarray(image), master=self._root)
-            self._label.configure(image=self._image)
-            self._root.update()
-        except ImportError as error:
-            self._miss(error)
-        except tkinter.TclError as error:
-            self._miss(error)
-
-    def _miss(self, error: Exception) -> None:
-        self._missing = True
-        text = f"nothing is shown: render_mode 'human' needs Tk and a display ({error}); use 'rgb_array'"
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-    def close(self) -> None:
-        """Close the window."""
-        if self._root is not None:
-            self._root.destroy()
-            self._root = None
 
 
 def _round_radius(reach: float) -> float:

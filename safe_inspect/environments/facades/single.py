@@ -19,10 +19,9 @@ from safe_inspect.environments.facades.arguments import (
 )
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
-    RENDER_MODES,
+    RENDER_MODE,
     Rendered,
-    Rendering,
-    checked_mode,
+    new_rendering,
 )
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import ArgumentError, SafeInspectError
@@ -44,22 +43,22 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         spec: The task.
         slot: Global index of the environment slot.
         gamma: Discount per control step within a decision.
-        render_mode: ``rgb_array``: `render` returns images; ``human``: every step is shown in a window; None: neither.
+        render_mode: ``rgb_array``: `render` returns images; None: it raises an error.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}  # noqa: RUF012 - as Gymnasium does
+    metadata = {"render_modes": [RENDER_MODE], "render_fps": RENDER_FPS}  # noqa: RUF012 - as Gymnasium does
 
     def __init__(
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
     ) -> None:
-        self.render_mode = checked_mode(render_mode)
+        self.render_mode = render_mode
         require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
         self._seeded = self._running = False
         self._gamma = checked_gamma(gamma)
-        self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
+        self._view = new_rendering(self.core.team, render_mode)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -87,7 +86,7 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         return observation, info_row(info | self.core.simulation.reset_info, 0)
 
     def close(self) -> None:
-        """Close the window, if there is one, and end the episode."""
+        """End the episode."""
         super().close()
         self._running = False
 

@@ -25,9 +25,9 @@ from safe_inspect.environments.facades.arguments import (
 )
 from safe_inspect.environments.facades.rendering import (
     RENDER_FPS,
-    RENDER_MODES,
+    RENDER_MODE,
     Rendering,
-    checked_mode,
+    new_rendering,
     require_rendering,
 )
 from safe_inspect.environments.facades.spaces import action_space, box
@@ -57,8 +57,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         seed: Seed of the first reset, unless that call gives one; default: a fresh seed, `np_random_seed`, is drawn.
         first_slot: Global index of the first environment slot.
         gamma: Discount per control step within a decision.
-        render_mode: ``rgb_array``: `render` returns images; ``human``: every step of the first environment is shown in
-            a window; None: neither.
+        render_mode: ``rgb_array``: `render` returns images; None: it raises an error.
     """
 
     _view: Rendering | None = None
@@ -75,13 +74,13 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         render_mode: str | None = None,
     ) -> None:
         self._gamma = checked_gamma(gamma)
-        self.render_mode = checked_mode(render_mode)
+        self.render_mode = render_mode
         require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
         self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
         self.autoreset_mode = checked_autoreset(autoreset_mode)
         self.metadata = {
-            "render_modes": list(RENDER_MODES),
+            "render_modes": [RENDER_MODE],
             "render_fps": RENDER_FPS,
             "autoreset_mode": self.autoreset_mode,
         }
@@ -93,7 +92,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self._begun = self._closed = False
         self._everyone = np.ones(num_envs, dtype=np.bool_)
         self._everyone.flags.writeable = False
-        self._view = None if render_mode is None else Rendering(self.core.team, render_mode)
+        self._view = new_rendering(self.core.team, render_mode)
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
 
@@ -181,21 +180,17 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         return self._observation.copy(), reward, terminated, truncated, infos
 
     def render(self) -> Any:
-        """Return an image of each environment, uint8, shape (480, 480, 3); None if the first is shown in a window.
+        """Return an image of each environment, uint8, shape (480, 480, 3).
 
         Raises:
             SafeInspectError: The batch was made without a render mode, or no episode has started.
         """
         view = require_rendering(self._view)
-        if self.render_mode == "human":
-            return view.render()
         return tuple(view.picture(row) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one, and end the episodes."""
+        """End the episodes."""
         self._closed = True
-        if self._view is not None:
-            self._view.close()
 
     def _now(self) -> dict[str, AnyArray]:
         """Return the infos of the current state."""
