@@ -29,7 +29,7 @@ _COMMANDS = {
     "evaluate": ("evaluate", "run episodes of policies and print what they achieve"),
     "compare": ("evaluate", "compare policies on the same episodes"),
     "leaderboard": ("leaderboard", "run baselines, trained policies and yours on the same episodes, and write a table"),
-    "baseline": ("baseline", "optimise open-loop plans, or run a scripted policy"),
+    "baseline": ("baseline", "optimise open-loop plans"),
     "rendezvous": ("rendezvous", "fly to a point on a tumbling target"),
     "record-log": ("rendezvous", "record depth images and inertial samples of a simulated tumbling target"),
     "characterise": ("rendezvous", "estimate from a sensor log how a target tumbles"),

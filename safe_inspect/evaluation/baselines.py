@@ -1,12 +1,12 @@
-"""`complete`: runs the episodes of a baseline and continues an earlier run; its table, and its file as a reference."""
+"""`complete`: optimises plans and continues an earlier run; their table, and their file as a reference."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,31 +14,16 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.optimiser import EFFORTS, coverage_task, optimise
-from safe_inspect.evaluation.policies import baseline
-from safe_inspect.evaluation.rollouts import fly_slots
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.planning.record import Entry, Record, read_record, write_record
 from safe_inspect.types import FloatArray
 
 OPTIMISER = "optimiser"
-#: Number of episodes in a batch, by the effort.
-_BATCH = MappingProxyType({"quick": 32, "normal": 16, "thorough": 4})
-_BATCH_OF_POLICIES = 256
+#: Number of episodes in a batch, after which finished episodes are stored.
+_BATCH = 16
 
 #: Called with the number of finished episodes and the total number.
 Progress = Callable[[int, int], None]
-
-
-class UnwrittenRecordError(OutputError):
-    """Error for episodes that were run but cannot be written.
-
-    Attributes:
-        record: All finished episodes, including those of earlier runs.
-    """
-
-    def __init__(self, message: str, record: Record) -> None:
-        super().__init__(message)
-        self.record = record
 
 
 def complete(
@@ -48,68 +33,44 @@ def complete(
     *,
     path: Path | None = None,
     force: bool = False,
-    batch: int | None = None,
     progress: Progress | None = None,
 ) -> Record:
-    """Return a record with the first episodes of the slots 0 to `episodes` - 1, and write it to a file.
+    """Return a record with plans for the first episodes of the slots 0 to `episodes` - 1, and write it to a file.
 
     Finished episodes are stored in a file next to `path`, with ``.part`` appended to its name, from which the same call
-    continues. An episode's figures depend neither on where a run was stopped nor on the batch.
+    continues. An episode's figures do not depend on where a run was stopped.
 
     Args:
         spec: The task.
-        record: The requested baseline; its entries are empty.
+        record: The requested record; its entries are empty.
         episodes: Number of episodes.
         path: The file; None: nothing is written.
-        force: Whether a file of another baseline is replaced; a file of another origin is never replaced.
-        batch: Number of episodes in a batch.
+        force: Whether a file of another run is replaced; a file of another origin is never replaced.
         progress: Called with the number of finished episodes and the total number.
 
     Raises:
         OutputError: The file cannot be written, or belongs to another run.
-        UnwrittenRecordError: The file cannot be written after episodes were run.
-        SafeInspectError: The optimiser does not support the task, the baseline is unknown, or the file is of another
-            origin.
+        SafeInspectError: The optimiser does not support the task, or the file is of another origin.
     """
-    if record.kind == OPTIMISER:
-        coverage_task(spec)  # checked here to report an error before anything is written
-    else:
-        baseline(record.kind)
+    coverage_task(spec)  # checked here to report an error before anything is written
     known = () if path is None else _known(record, path, force)
-    part = None if path is None else _part(path)
     if path is not None and len(known) >= episodes:
-        return record.of(known[:episodes])
-    done = list(known)
-    if part is not None:
-        write_record(record.of(known), part)
-    size = batch or (_BATCH[record.effort] if record.effort is not None else _BATCH_OF_POLICIES)
-    while len(done) < episodes:
+        return replace(record, entries=known[:episodes])
+    record = replace(record, entries=known)
+    while len(record.entries) < episodes:
+        if path is not None:
+            write_record(record, _part(path))
+        done = len(record.entries)
         if progress is not None:
-            progress(len(done), episodes)
-        done += _fly(spec, record, min(size, episodes - len(done)), len(done))
-        _write(record.of(tuple(done)), part)
+            progress(done, episodes)
+        found = optimise(spec, min(_BATCH, episodes - done), record.seed, done, EFFORTS[record.effort])
+        record = replace(record, entries=(*record.entries, *found))
     if progress is not None:
         progress(episodes, episodes)
-    finished = record.of(tuple(done))
-    _write(finished, path)
-    if part is not None:
-        part.unlink(missing_ok=True)
-    return finished
-
-
-def _write(record: Record, path: Path | None) -> None:
-    try:
-        if path is not None:
-            write_record(record, path)
-    except OutputError as error:
-        raise UnwrittenRecordError(str(error), record) from None
-
-
-def _fly(spec: EnvironmentSpec, record: Record, episodes: int, first_slot: int) -> list[Entry]:
-    if record.kind == OPTIMISER:
-        assert record.effort is not None, "the record of an optimiser has an effort"
-        return optimise(spec, episodes, record.seed, first_slot, EFFORTS[record.effort])
-    return fly_slots(spec, baseline(record.kind), episodes, record.seed, first_slot)[0]
+    if path is not None:
+        write_record(record, path)
+        _part(path).unlink(missing_ok=True)
+    return record
 
 
 def _part(path: Path) -> Path:
@@ -139,11 +100,8 @@ def baseline_table(record: Record) -> str:
     """Return a record's figures as a table: success rate, and mean, median and range of delta-v, burns and steps."""
     entries = record.entries
     won = np.array([entry.success for entry in entries])
-    title = f"{record.kind}, {len(entries):,} episodes of seed {record.seed}"
-    if record.effort is not None:
-        title += f", effort {record.effort}"
     lines = [
-        title,
+        f"{OPTIMISER}, {len(entries):,} episodes of seed {record.seed}, effort {record.effort}",
         f"success   {100.0 * won.mean():6.2f} %   ({int(won.sum()):,} of {len(won):,})",
         f"inspected {np.mean([entry.inspected for entry in entries]):6.2f} points on average",
         f"{'':<14}{'mean':>9}{'median':>9}{'least':>9}{'most':>9}",
@@ -157,9 +115,7 @@ def baseline_table(record: Record) -> str:
         digits = 4 if name.startswith("delta") else 1
         cells = [f"{value:9.{digits}f}" for value in (values.mean(), np.median(values), values.min(), values.max())]
         lines.append(f"{name:<14}{''.join(cells)}")
-    if record.kind == "optimiser":
-        lines += _against_the_inspector(record)
-    return "\n".join(lines)
+    return "\n".join([*lines, *_against_the_inspector(record)])
 
 
 def _against_the_inspector(record: Record) -> list[str]:
@@ -202,7 +158,7 @@ def read_reference(path: Path, seed: int, episodes: int, task: Mapping[str, Any]
     except (ValueError, KeyError, TypeError) as error:
         raise SafeInspectError(
             f'{path}: the reference is damaged ({error}); expected {{"seed": ..., "delta_v": [...]}}, as written by '
-            "`safe-inspect baseline`"
+            "`safe-inspect baseline optimiser`"
         ) from None
     if of_seed != seed:
         raise SafeInspectError(f"{path}: the reference has seed {of_seed}, not {seed}; give --seed {of_seed}")

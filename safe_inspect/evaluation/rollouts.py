@@ -174,7 +174,7 @@ def fly_slots(
         first_slot: The first slot.
 
     Returns:
-        The entry of each episode for the record of a baseline, without the fields that only plans have; and the
+        The entry of each episode for the record of plans, without the plan; and the
             recorded episodes.
     """
     environment = TeamEnvironment(with_scripted(spec, policy), episodes, seed=seed, first_slot=first_slot)

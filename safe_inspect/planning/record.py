@@ -1,11 +1,11 @@
-"""The file of a baseline: the results and plans of its episodes."""
+"""The file of the optimiser: the plans and results of its episodes."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ _PLAN: TypeAdapter[FlightPlan] = TypeAdapter(FlightPlan)
 
 @dataclass(frozen=True)
 class Entry:
-    """One episode of a baseline.
+    """One episode with an open-loop plan.
 
     Attributes:
         key: Random key of the episode.
@@ -51,7 +51,7 @@ class Entry:
         steps: Number of steps.
         inspected: Number of points inspected.
         burns: Number of burns, mean over the deputies.
-        plan: The plan that was executed; None for a policy.
+        plan: The plan that was executed.
         planned: Velocity change of the plan that the search found [m/s]; None if it found none.
         inspector: Velocity change of the scripted inspector in this episode [m/s]; None if it fails or was not run.
         own: Whether the plan is that of the search; else it is the trajectory of the inspector.
@@ -63,7 +63,7 @@ class Entry:
     steps: int
     inspected: int
     burns: float
-    plan: FlightPlan | None = None
+    plan: FlightPlan = ()
     planned: float | None = None
     inspector: float | None = None
     own: bool = True
@@ -71,31 +71,25 @@ class Entry:
 
 @dataclass(frozen=True)
 class Record:
-    """The episodes of environment slots 0, 1, 2, ... with one baseline.
+    """The plans of the episodes of environment slots 0, 1, 2, ...
 
     Attributes:
-        kind: Name of the baseline.
         seed: Seed of the run.
-        effort: Extent of the search; None for a policy.
+        effort: Extent of the search.
         task: The part of a task that makes episodes comparable; see `safe_inspect.evaluation.task.task_of`.
         about: Origin of the numbers: version, configuration file, overrides.
         entries: The episodes.
     """
 
-    kind: str
     seed: int
-    effort: str | None
+    effort: str
     task: Mapping[str, Any]
     about: Mapping[str, Any]
     entries: tuple[Entry, ...] = ()
 
-    def of(self, entries: tuple[Entry, ...]) -> Record:
-        """Return the record with other episodes."""
-        return replace(self, entries=entries)
-
     def difference(self, other: Record) -> str:
         """Return in what another record differs as a run; empty if it is of the same run."""
-        for what in ("kind", "seed", "effort"):
+        for what in ("seed", "effort"):
             if getattr(self, what) != getattr(other, what):
                 return f"the {what} is {getattr(other, what)!r} there and {getattr(self, what)!r} here"
         if self.about.get("safe_inspect") != other.about.get("safe_inspect"):
@@ -104,19 +98,19 @@ class Record:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the file."""
-        entries, optimised = self.entries, self.kind == "optimiser"
+        entries = self.entries
         return {
             "format": _FORMAT,
-            "kind": self.kind,
+            "kind": "optimiser",
             "seed": self.seed,
             "episodes": len(entries),
             "effort": self.effort,
             # A plan that fails is no reference for the cost of a success.
-            "delta_v": [entry.delta_v if entry.success or not optimised else None for entry in entries],
+            "delta_v": [entry.delta_v if entry.success else None for entry in entries],
             "spent": [entry.delta_v for entry in entries],
             **{name: [getattr(entry, name) for entry in entries] for name in _COLUMNS},
             "keys": [f"{entry.key:016x}" for entry in entries],
-            "plans": [None if entry.plan is None else _PLAN.dump_python(entry.plan, mode="json") for entry in entries],
+            "plans": [_PLAN.dump_python(entry.plan, mode="json") for entry in entries],
             **self.about,
             "task": self.task,
         }
@@ -136,18 +130,20 @@ def read_record(path: str | os.PathLike[str]) -> Record:
             Entry(
                 key=int(content["keys"][row], 16),
                 delta_v=content["spent"][row],
-                plan=None if content["plans"][row] is None else _PLAN.validate_python(content["plans"][row]),
+                plan=_PLAN.validate_python(content["plans"][row]),
                 **{name: content[name][row] for name in _COLUMNS},
             )
             for row in range(content["episodes"])
         )
         about = {name: content[name] for name in ("safe_inspect", "configuration_file", "overrides")}
-        return Record(content["kind"], content["seed"], content["effort"], content["task"], about, entries)
+        return Record(content["seed"], content["effort"], content["task"], about, entries)
     except OSError as error:
         raise SafeInspectError(f"{path}: the file cannot be read ({error.strerror}); give another file") from None
     except (ValueError, KeyError, TypeError, IndexError, ValidationError) as error:
         reason = f"no {error}" if isinstance(error, KeyError) else str(error).partition("\n")[0]
-        raise SafeInspectError(f"{path}: not a file of `safe-inspect baseline` ({reason}); give another file") from None
+        raise SafeInspectError(
+            f"{path}: not a file of `safe-inspect baseline optimiser` ({reason}); give another file"
+        ) from None
 
 
 def write_record(record: Record, path: Path) -> None:

@@ -92,17 +92,14 @@ class OpenLoopPlan(ScriptedPolicy):
         """Return the policy that executes the plans in a file of ``safe-inspect baseline optimiser``.
 
         Raises:
-            SafeInspectError: The file is missing or damaged, or has no plans.
+            SafeInspectError: The file is missing or damaged.
         """
-        record = read_record(path)
-        if not any(entry.plan is not None for entry in record.entries):
-            raise SafeInspectError(f"{path}: the file has no plans; write some with `safe-inspect baseline optimiser`")
-        return cls.of((entry.key, entry.plan) for entry in record.entries)
+        return cls.of((entry.key, entry.plan) for entry in read_record(path).entries)
 
     @classmethod
-    def of(cls, plans: Iterable[tuple[int, FlightPlan | None]]) -> OpenLoopPlan:
-        """Return the policy that executes the plan of each episode, given by the episode's key; None means coasting."""
-        return cls(plans={f"{key:016x}": plan or () for key, plan in plans})
+    def of(cls, plans: Iterable[tuple[int, FlightPlan]]) -> OpenLoopPlan:
+        """Return the policy that executes the plan of each episode, given by the episode's key."""
+        return cls(plans={f"{key:016x}": plan for key, plan in plans})
 
     @cached_property
     def _thrust(self) -> dict[int, dict[int, FloatArray]]:

@@ -97,26 +97,16 @@ def test_missions_are_flown_again_as_an_evaluation_says(monkeypatch: pytest.Monk
     assert open_pilot(evaluation_arguments(cfg=None), [], model) is None
 
 
+def test_policies_are_no_baselines(typed: Typed) -> None:
+    shown = "there is no baseline 'random'; write `optimiser`, or run a policy by `safe-inspect evaluate`"
+    assert typed("baseline", "random")[2] == f"error: {shown}\n"
+
+
 @pytest.mark.parametrize(
-    ("words", "shown"),
-    [
-        (("zero-trust",), "there is no baseline 'zero-trust'; did you mean `zero-thrust`?"),
-        (("random", "--effort", "quick"), "--effort is only for the optimiser; remove it for random"),
-    ],
+    ("words", "effort"), [(("optimizer",), "normal"), (("optimiser", "--effort", "quick"), "quick")]
 )
-def test_baselines_that_are_none(typed: Typed, words: tuple[str, ...], shown: str) -> None:
-    assert typed("baseline", *words)[2] == f"error: {shown}\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "kind", "effort"),
-    [
-        (("optimizer",), "optimiser", "normal"), (("optimiser", "--effort", "quick"), "optimiser", "quick"),
-        (("random",), "random", None), (("package.Class",), "package.Class", None),
-    ],
-)  # fmt: skip
 def test_a_baseline_is_asked_for_with_its_task(
-    typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], kind: str, effort: str | None
+    typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], effort: str
 ) -> None:
     asked: list[Any] = []
     monkeypatch.setattr(
@@ -126,7 +116,7 @@ def test_a_baseline_is_asked_for_with_its_task(
     code, out, _ = typed("baseline", *words, "horizon=30", "--episodes", "7", "--seed", "2", "--output", "o", "--force")
     assert (code, out) == (0, "the table\nthe episodes are in o\n")
     ((record, count, more),) = asked
-    assert (record.kind, record.effort, record.seed, count) == (kind, effort, 2, 7)
+    assert (record.effort, record.seed, count) == (effort, 2, 7)
     assert (more["path"], more["force"]) == (Path("o"), True)
     assert record.about["overrides"] == ["horizon=30"]
     assert record.about["configuration_file"] == "safe_inspect/TranslationalInspectionSeed-v0"

@@ -35,7 +35,7 @@ FILES = {
     ("evaluate", "json"): ["evaluate", "random", "--episodes", "2", "horizon=5"],
     ("compare", "json"): ["compare", "random", "zero-thrust", "--episodes", "2", "horizon=5"],
     ("leaderboard", "output"): ["leaderboard", "boards.yml"],
-    ("baseline", "output"): ["baseline", "random", "--episodes", "2", "horizon=5"],
+    ("baseline", "output"): ["baseline", "optimiser", "--effort", "quick", "--episodes", "1", "horizon=5"],
     ("schema", "output"): ["schema", "agent"],
     ("export", "output"): ["export", "run"],
     ("draw", "output"): ["draw", "random", "horizon=5"],

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -52,7 +52,7 @@ def here(tmp_path, monkeypatch):
         (signal.SIGINT, ("evaluate", "inspector", "--output", "out")),
         (signal.SIGTERM, ("evaluate", "inspector", "--output", "out")),
         pytest.param(signal.SIGHUP, ("evaluate", "inspector", "--output", "out"), marks=pytest.mark.long),
-        (signal.SIGINT, ("baseline", "inspector")),
+        (signal.SIGINT, ("baseline", "optimiser")),
     ],
 )
 def test_a_search_in_compiled_code_is_stopped_and_leaves_nothing(here, number, words):
@@ -117,7 +117,7 @@ def small_files():
         (("draw", "random", "--cfg", CFG), "d.png"),
         (("draw", "random", "--cfg", CFG), "d.svg"),
         (("film", "random", "--cfg", CFG, "--frames", "3", "--width", "320"), "f.gif"),
-        (("baseline", "random", "--episodes", "9", "horizon=25"), "b.json"),
+        (("baseline", "optimiser", "--effort", "quick", "--episodes", "5", "horizon=25"), "b.json"),
     ],
 )
 def test_a_full_disk_leaves_the_former_file_and_is_one_message(here, capsys, words, name):
@@ -149,23 +149,6 @@ def test_an_evaluation_whose_disk_is_full_prints_its_table(here, capsys):
         assert (code, out) == (2, table)
         assert err.startswith(f"error: out: the {what} cannot be written (File too large); free some space")
         assert not list(here.iterdir())
-
-
-def test_a_baseline_whose_disk_is_full_prints_what_it_has_flown(here, capsys, monkeypatch):
-    from safe_inspect.evaluation import baselines, rollouts
-
-    words = ["baseline", "random", "--episodes", "5", "horizon=25"]
-    assert main(words) == 0
-    table = capsys.readouterr().out
-    fly = rollouts.fly_slots
-    with ExitStack() as filled:
-        monkeypatch.setattr(
-            baselines, "fly_slots", lambda *given: (filled.enter_context(small_files()), fly(*given))[1]
-        )
-        code = main([*words, "--output", "b.json"])
-    out, err = capsys.readouterr()
-    assert (code, out) == (2, table)
-    assert "the file cannot be written (File too large); free some space" in err
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has it")

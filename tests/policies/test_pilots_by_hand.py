@@ -164,7 +164,7 @@ def test_a_plan_is_flown_in_its_episode_at_its_steps() -> None:
     environment = begun("TranslationalInspection-v1", ZeroThrust())
     keys = environment.view(0).per_environment(environment.state.key).tolist()
     burns = (Burn(step=1, steps=2, thrust=(0.5, 0.0, -0.25)), Burn(step=2, steps=1, thrust=(0.25, 1.0, 0.0)))
-    plans = [(key, burns if row == 3 else None) for row, key in enumerate(keys)]
+    plans = [(key, burns if row == 3 else ()) for row, key in enumerate(keys)]
     pilot = OpenLoopPlan.of(plans)
     shown = {0: (0.0, 0.0, 0.0), 1: (0.5, 0.0, -0.25), 2: (0.75, 1.0, -0.25), 3: (0.0, 0.0, 0.0)}
     for step, wanted in shown.items():

@@ -1,4 +1,4 @@
-"""The command ``safe-inspect baseline``: open-loop plans or a scripted policy, evaluated episode by episode."""
+"""The command ``safe-inspect baseline``: open-loop plans that are made with perfect knowledge of each episode."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
-from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines import OPTIMISER, UnwrittenRecordError, baseline_table, complete
-from safe_inspect.evaluation.policies import BASELINES
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.baselines import OPTIMISER, baseline_table, complete
+from safe_inspect.evaluation.optimiser import EFFORTS
 from safe_inspect.evaluation.task import task_of
 from safe_inspect.planning.record import Record
-from safe_inspect.plugins.registry import registry
 from safe_inspect.version import __version__
 
 #: The default task.
@@ -23,42 +22,34 @@ _DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``baseline``."""
-    parser.add_argument(
-        "kind", metavar="BASELINE", help="optimiser (open-loop plans made with perfect knowledge), zero-thrust, "
-        "random, inspector, or the name of any scripted policy",
-    )  # fmt: skip
+    parser.add_argument("kind", metavar="BASELINE", help="optimiser: open-loop plans made with perfect knowledge")
     add_option(parser, "--cfg", "FILE", "experiment file, or id of a task", default=_DEFAULT_CFG)
     add_overrides(parser)
     add_option(parser, "--episodes", "N", "number of episodes", positive, 100)
     add_option(parser, "--seed", "N", "seed of the episodes", seed, 0)
     parser.add_argument(
-        "--effort", choices=("quick", "normal", "thorough"), help="how long the optimiser searches (default: normal)"
+        "--effort", choices=tuple(EFFORTS), default="normal", help="how long the optimiser searches (default: normal)"
     )
     add_option(parser, "--output", "FILE", "write the result to this file, or continue it", Path)
     parser.add_argument("--force", action="store_true", help="replace a file of another task, seed or effort")
 
 
 def run_baseline(arguments: argparse.Namespace) -> int:
-    """Optimise open-loop plans, or run a scripted policy.
+    """Optimise open-loop plans.
 
-    The optimiser gives the minimum delta-v of each episode with full knowledge of it.
+    They give the minimum delta-v of each episode with full knowledge of it; `evaluate` runs policies without.
 
     Example:
         safe-inspect baseline optimiser --episodes 100 --output optimum.json
     """
-    kind, effort = arguments.kind, arguments.effort
-    known = {OPTIMISER, *BASELINES, *(name for name, _ in registry.items("policy"))}
-    if kind == "optimizer":
-        kind = OPTIMISER
-    if kind not in known and "." not in kind:
-        raise SafeInspectError(f"there is no baseline {kind!r}; {did_you_mean(kind, known)}")
-    if effort is not None and kind != OPTIMISER:
-        raise SafeInspectError(f"--effort is only for the optimiser; remove it for {kind}")
+    if arguments.kind not in (OPTIMISER, "optimizer"):
+        raise SafeInspectError(
+            f"there is no baseline {arguments.kind!r}; write `{OPTIMISER}`, or run a policy by `safe-inspect evaluate`"
+        )
     spec = load_spec(arguments.cfg, arguments.overrides)
     asked = Record(
-        kind=kind,
         seed=arguments.seed,
-        effort=(effort or "normal") if kind == OPTIMISER else None,
+        effort=arguments.effort,
         task=task_of(spec),
         about={
             "safe_inspect": __version__,
@@ -67,16 +58,13 @@ def run_baseline(arguments: argparse.Namespace) -> int:
         },
     )
     try:
-        with EpisodeBar(kind) as bar:
+        with EpisodeBar(OPTIMISER) as bar:
             record = complete(
                 spec, asked, arguments.episodes, path=arguments.output, force=arguments.force, progress=bar.show
             )
     except KeyboardInterrupt as stop:
         if arguments.output is not None:
             stop.add_note("the same command continues from there")
-        raise
-    except UnwrittenRecordError as unwritten:
-        print(baseline_table(unwritten.record))
         raise
     print(baseline_table(record))
     if arguments.output is not None:

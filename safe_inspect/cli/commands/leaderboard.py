@@ -180,7 +180,7 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
 def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     """Return the result of open-loop plans, stored or new."""
     about = {"safe_inspect": __version__, "configuration_file": entry.task, "overrides": list(entry.overrides)}
-    asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(entry.spec), about)
+    asked = Record(leaderboard.seed, "quick", task_of(entry.spec), about)
     path.parent.mkdir(parents=True, exist_ok=True)
     with EpisodeBar(OPTIMISER) as bar:
         record = complete(entry.spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
