@@ -117,7 +117,6 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
 
     def close(self) -> None:
         """End the episode."""
-        super().close()
         self.agents = []
 
     def step(

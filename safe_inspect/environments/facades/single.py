@@ -87,7 +87,6 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
 
     def close(self) -> None:
         """End the episode."""
-        super().close()
         self._running = False
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
