@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.dynamics.rotation_row import rotated
+from safe_inspect.dynamics.rotation_row import product, rotated
 from safe_inspect.types import FloatArray
 
 #: The row's arithmetic in Python, which also accepts whole arrays as components.
+_product: Any = product.__wrapped__  # type: ignore[attr-defined]
 _rotated: Any = rotated.__wrapped__  # type: ignore[attr-defined]
 
 
@@ -25,17 +26,7 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
         p: Quaternions, shape (..., 4).
         q: Quaternions, shape (..., 4).
     """
-    px, py, pz, pw = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
-    qx, qy, qz, qw = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return np.stack(
-        (
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz,
-        ),
-        axis=-1,
-    )
+    return np.stack(_product(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
 
 
 def conjugate(q: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Rotation of one vector by one unit quaternion [x, y, z, w], compiled; `quaternion.rotate` applies it to batches."""
+"""Products of quaternions [x, y, z, w] and rotations of vectors, compiled; `quaternion` applies them to batches."""
 
 from __future__ import annotations
 
@@ -7,8 +7,19 @@ from safe_inspect.types import FloatArray
 
 #: Three components.
 Components = tuple[float, float, float]
-#: A unit quaternion, shape (4,).
+#: A quaternion, shape (4,).
 Quaternion = FloatArray | tuple[float, float, float, float]
+
+
+@njit
+def product(p: Quaternion, q: Quaternion) -> tuple[float, float, float, float]:
+    """Return the product of two quaternions, p q."""
+    return (
+        p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1],
+        p[3] * q[1] - p[0] * q[2] + p[1] * q[3] + p[2] * q[0],
+        p[3] * q[2] + p[0] * q[1] - p[1] * q[0] + p[2] * q[3],
+        p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2],
+    )
 
 
 @njit

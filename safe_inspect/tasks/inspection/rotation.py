@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.inertia import principal_axes
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
-from safe_inspect.dynamics.rotation_row import Components, rotated, rotated_back
+from safe_inspect.dynamics.rotation_row import Components, product, rotated, rotated_back
 from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
@@ -28,8 +28,6 @@ _FIRST_DRAW = 8_000
 #: Largest angle of an integration step [rad].
 _LARGEST_TURN = 0.05
 _STILL = (0.0, 0.0, 0.0)
-#: Components of a quaternion [x, y, z, w].
-_Quaternion = tuple[float, float, float, float]
 
 
 class FreeRotation(BaseModel):
@@ -71,17 +69,6 @@ class FreeSteps(NamedTuple):
     rate: tuple[float, float]
     step: float
     substeps: int
-
-
-@njit
-def _times(p: _Quaternion, q: _Quaternion) -> _Quaternion:
-    """Return the product of two quaternions: first the rotation q, then p."""
-    return (
-        p[3] * q[0] + p[0] * q[3] + p[1] * q[2] - p[2] * q[1],
-        p[3] * q[1] - p[0] * q[2] + p[1] * q[3] + p[2] * q[0],
-        p[3] * q[2] + p[0] * q[1] - p[1] * q[0] + p[2] * q[3],
-        p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2],
-    )
 
 
 @njit
@@ -127,9 +114,9 @@ def in_frame(angles: FloatArray, inertial: FloatArray, orientation: FloatArray) 
     for n in range(inertial.shape[0]):
         node, tilt, latitude = -0.5 * angles[n, 0], -0.5 * angles[n, 1], -0.5 * angles[n, 2]
         q = (inertial[n, 0], inertial[n, 1], inertial[n, 2], inertial[n, 3])
-        q = _times((0.0, 0.0, math.sin(node), math.cos(node)), q)
-        q = _times((math.sin(tilt), 0.0, 0.0, math.cos(tilt)), q)
-        q = _times((0.0, 0.0, math.sin(latitude), math.cos(latitude)), q)
+        q = product((0.0, 0.0, math.sin(node), math.cos(node)), q)
+        q = product((math.sin(tilt), 0.0, 0.0, math.cos(tilt)), q)
+        q = product((0.0, 0.0, math.sin(latitude), math.cos(latitude)), q)
         for k in range(4):
             orientation[n, k] = q[k]
 
@@ -157,7 +144,6 @@ class BodyAxes(NamedTuple):
     """Attitude of a rotating body in N environments, and the B bodies and the sun expressed in its axes.
 
     Attributes:
-        angle: Angle of rotation since the reset, not wrapped [rad], shape (N,).
         orientation: Quaternion from the axes of the rotating body to Hill's frame, shape (N, 4).
         position: Positions of the B bodies relative to the rotating body, in its axes [m], shape (N, B, 3).
         sun: Unit vectors to the sun in the axes of the rotating body [-], shape (N, 3).
@@ -165,7 +151,6 @@ class BodyAxes(NamedTuple):
             (N, 0, 4) if the bodies are points.
     """
 
-    angle: FloatArray
     orientation: FloatArray
     position: FloatArray
     sun: FloatArray
@@ -173,38 +158,30 @@ class BodyAxes(NamedTuple):
 
 
 @njit
-def turn_body(
-    turn: float,
-    axis: Components,
-    body: int,
-    position: FloatArray,
-    sun: FloatArray,
-    attitude: FloatArray,
-    axes: BodyAxes,
-) -> None:
-    """Rotate a body about an axis of Hill's frame, and write the bodies and the sun in its axes.
+def rotate_steadily(turn: float, axis: Components, angle: FloatArray, orientation: FloatArray) -> None:
+    """Add an angle [rad] to those of rotation, shape (N,), and write the attitudes to Hill's frame, shape (N, 4).
 
-    Args:
-        turn: Angle to add [rad].
-        axis: Unit vector of the axis.
-        body: Index of the body.
-        position: Positions of the bodies, Hill frame [m], shape (N, B, 3).
-        sun: Unit vectors to the sun, Hill frame [-], shape (N, 3).
-        attitude: Attitudes of the bodies to Hill's frame, shape (N, B, 4); (N, 0, 4) if they are points.
-        axes: Data in the axes of the body, read and written.
+    The axis of rotation is a unit vector in Hill's frame.
     """
-    for n in range(axes.angle.shape[0]):
-        axes.angle[n] += turn
-        sine = math.sin(0.5 * axes.angle[n])
+    for n in range(angle.shape[0]):
+        angle[n] += turn
+        sine = math.sin(0.5 * angle[n])
         for k in range(3):
-            axes.orientation[n, k] = sine * axis[k]
-        axes.orientation[n, 3] = math.cos(0.5 * axes.angle[n])
-    write_in_axes(body, position, sun, attitude, axes)
+            orientation[n, k] = sine * axis[k]
+        orientation[n, 3] = math.cos(0.5 * angle[n])
 
 
 @njit
 def write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: FloatArray, axes: BodyAxes) -> None:
-    """Write the bodies and the sun in the axes of a body with a known orientation; see `turn_body`."""
+    """Write the bodies and the sun in the axes of a body.
+
+    Args:
+        body: Index of the body.
+        position: Positions of the bodies, Hill frame [m], shape (N, B, 3).
+        sun: Unit vectors to the sun, Hill frame [-], shape (N, 3).
+        attitude: Attitudes of the bodies to Hill's frame, shape (N, B, 4); (N, 0, 4) if they are points.
+        axes: Data in the axes of the body; its orientation is read, the others are written.
+    """
     for n in range(axes.orientation.shape[0]):
         o = axes.orientation[n]
         x, y, z, w = o[0], o[1], o[2], o[3]
@@ -217,12 +194,10 @@ def write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: Fl
         seen = rotated_back(q, sun[n, 0], sun[n, 1], sun[n, 2])
         for k in range(3):
             axes.sun[n, k] = seen[k]
-        for b in range(attitude.shape[1]):  # Conjugate of q times the attitude.
-            a = attitude[n, b]
-            axes.attitude[n, b, 0] = w * a[0] - x * a[3] - y * a[2] + z * a[1]
-            axes.attitude[n, b, 1] = w * a[1] + x * a[2] - y * a[3] - z * a[0]
-            axes.attitude[n, b, 2] = w * a[2] - x * a[1] + y * a[0] - z * a[3]
-            axes.attitude[n, b, 3] = w * a[3] + x * a[0] + y * a[1] + z * a[2]
+        for b in range(attitude.shape[1]):
+            relative = product((-x, -y, -z, w), attitude[n, b])
+            for k in range(4):
+                axes.attitude[n, b, k] = relative[k]
 
 
 @njit
@@ -336,12 +311,12 @@ class _Rotating(RunningComponent):
     def shared_state(self, team: Any) -> tuple[Any, ...]:
         return (team.chief_orientation,)
 
-    def _seen(self, state: State) -> tuple[int, FloatArray, FloatArray, FloatArray, BodyAxes]:
-        """Return the last arguments of `turn_body`."""
+    def _write_in_axes(self, state: State) -> None:
+        """Write the bodies and the sun in the axes of the body, whose orientation is known."""
         arrays = state.arrays
         attitude = arrays.get("orientation", np.zeros((state.num_envs, 0, 4)))
-        axes = BodyAxes(arrays[_ANGLE], arrays[_ORIENTATION], *(arrays[name] for name in self._names))
-        return self._body, state.position, arrays.get(LIGHT, arrays["sun_direction"]), attitude, axes
+        axes = BodyAxes(arrays[_ORIENTATION], *(arrays[name] for name in self._names))
+        write_in_axes(self._body, state.position, arrays.get(LIGHT, arrays["sun_direction"]), attitude, axes)
 
 
 class _SteadilyRotating(_Rotating):
@@ -350,10 +325,14 @@ class _SteadilyRotating(_Rotating):
         self._turn, self._axis = turn, axis
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        turn_body(0.0, self._axis, *self._seen(state))
+        self._rotate(state, 0.0)
 
     def step(self, state: State, running: BoolArray) -> None:
-        turn_body(self._turn, self._axis, *self._seen(state))
+        self._rotate(state, self._turn)
+
+    def _rotate(self, state: State, turn: float) -> None:
+        rotate_steadily(turn, self._axis, state[_ANGLE], state[_ORIENTATION])
+        self._write_in_axes(state)
 
 
 class _FreelyRotating(_Rotating):
@@ -375,4 +354,4 @@ class _FreelyRotating(_Rotating):
         orbit = None if self._orbit is None else state[self._orbit]
         angles = frame_angles(orbit, self._mean_motion, state["time"])
         in_frame(angles, state[_INERTIAL], state[_ORIENTATION])
-        write_in_axes(*self._seen(state))
+        self._write_in_axes(state)
