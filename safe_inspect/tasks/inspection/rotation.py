@@ -121,20 +121,6 @@ def in_frame(angles: FloatArray, inertial: FloatArray, orientation: FloatArray) 
             orientation[n, k] = q[k]
 
 
-def frame_angles(orbit: FloatArray | None, mean_motion: float, time: FloatArray) -> FloatArray:
-    """Return node, inclination and argument of latitude of Hill's frame, shape (N, 3).
-
-    Args:
-        orbit: The chief's orbit, see `RelativeOrbit`, shape (N, 6); None on a circular orbit.
-        mean_motion: Mean motion of a circular orbit [rad/s].
-        time: Time since the reset [s], shape (N,).
-    """
-    if orbit is not None:
-        return np.ascontiguousarray(orbit[:, [5, 3, 4]])
-    still = np.zeros_like(time)
-    return np.stack((still, still, mean_motion * time), axis=1)
-
-
 _ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
 #: Arrays of a body that rotates freely: attitude to inertial axes and angular velocity in body axes.
 _INERTIAL, _SPIN = "chief_inertial", "chief_spin"
@@ -351,7 +337,10 @@ class _FreelyRotating(_Rotating):
         self._follow(state)
 
     def _follow(self, state: State) -> None:
-        orbit = None if self._orbit is None else state[self._orbit]
-        angles = frame_angles(orbit, self._mean_motion, state["time"])
+        if self._orbit is None:
+            still = np.zeros(state.num_envs)
+            angles = np.stack((still, still, self._mean_motion * state["time"]), axis=1)
+        else:
+            angles = np.ascontiguousarray(state[self._orbit][:, [5, 3, 4]])  # node, inclination, argument of latitude
         in_frame(angles, state[_INERTIAL], state[_ORIENTATION])
         self._write_in_axes(state)
