@@ -104,10 +104,8 @@ def save_film(
         raise OutputError(f"cannot write the film {os.fspath(path)!r}: its name must end in .gif or .mp4")
     if not 1.0 <= fps <= 100.0:
         raise ValueError(f"a film must have 1 to 100 pictures per second, got {fps:g}")
-    if target.suffix.lower() == ".mp4":
-        find_ffmpeg()  # raises an error, if any, before the pictures are drawn
     with new_file(path) as work:
-        work.touch()  # as above
+        work.touch()  # raises an error, if any, before the pictures are drawn
         writers[target.suffix.lower()](_with_progress(film, progress), film.size, work, fps)
 
 

@@ -111,6 +111,3 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         self._running = not (terminated or truncated)
         info = step_info(transition, infos, 0)
         return transition.observation[0, 0], float(transition.reward[0, 0]), terminated, truncated, info
-
-
-#: Non-zero values in the infos of a step for environments that the step resets.

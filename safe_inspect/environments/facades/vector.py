@@ -35,6 +35,7 @@ from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import AnyArray, BoolArray, Observation
 
+#: Non-zero values in the infos of a step for environments that the step resets.
 _OF_RESETS = {"rta/phi_min": np.inf, DISCOUNT: 1.0}
 
 
