@@ -16,7 +16,7 @@ from safe_inspect.rta.audit.adversaries import ADVERSARIES, adversarial_thrust
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.resets.parameters import Draw, Value
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +25,7 @@ class SafetyReport:
 
     Attributes:
         names: Names of the C constraints.
+        units: Unit of the plain safety quantity of each constraint.
         filtered: Whether the filter was on.
         steps: Number of steps, over all environments.
         starts_refused: Number of initial states that violate a constraint.
@@ -37,9 +38,12 @@ class SafetyReport:
         flown: Number of steps of each adversary, shape (K,).
         infeasible: Number of steps in which the filter could not guarantee safety.
         ends: Number of episodes that ended, by `DoneStatus`, shape (4,).
+        step_size: Length of a step [s].
+        worst: Quantities, over the steps, of the environment that came nearest to a violation, shape (T, C).
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     filtered: bool
     steps: int
     starts_refused: int
@@ -52,6 +56,8 @@ class SafetyReport:
     flown: IntArray
     infeasible: int
     ends: IntArray
+    step_size: float
+    worst: AnyArray
 
     @property
     def violations(self) -> int:
@@ -119,15 +125,16 @@ def safety_report(
     interventions, flown = np.zeros((2, len(ADVERSARIES)), dtype=np.int64)
     ends = np.zeros(4, dtype=np.int64)
     infeasible = 0
-    refused = int((watch.check(watch.states()) < 0.0).any(axis=1).sum())
+    history = [watch.check(watch.states())]
     watch.violations[:] = 0  # those at the start are counted apart
+    refused = int((history[0] < 0.0).any(axis=1).sum())
     for hold in range(holds):
         share = adversarial_thrust(environment.view(), hold, slots, seed)
         action = np.tile(layout.low, (num_envs, 1))  # the shortest coasting, where an action sets it
         thrust = action[:, : share.shape[1]]
         thrust += 0.5 * (share + 1.0) * (layout.high - layout.low)[: share.shape[1]]
         transition = environment.step((np.rint(action) if layout.choices else action)[:, None])
-        watch.end(environment.simulation.flown[:, 0])
+        history.append(watch.end(environment.simulation.flown[:, 0]))
         flown += np.bincount(kinds, minlength=len(ADVERSARIES))
         interventions += np.bincount(kinds[transition.step.intervening], minlength=len(ADVERSARIES))
         if transition.step.filtered is not None:
@@ -138,8 +145,12 @@ def safety_report(
             environment.reset(done)
         if progress is not None:
             progress((hold + 1) * num_envs, holds * num_envs)
+    trace = np.stack(history)
+    scale = np.median(np.abs(trace), axis=(0, 1)) + 1e-12
+    row = int(np.argmin((trace / scale).min(axis=(0, 2))))
     return SafetyReport(
         names=watch.names,
+        units=tuple(glues[0].units.get(name, "-") for name in watch.names),
         filtered=glues[0].enabled,
         steps=holds * num_envs,
         starts_refused=refused,
@@ -152,11 +163,13 @@ def safety_report(
         flown=flown,
         infeasible=infeasible,
         ends=ends,
+        step_size=spec.step_size,
+        worst=trace[:, row],
     )
 
 
 class _Watch:
-    """Checks of the constraints along the holds."""
+    """Checks of the constraints along the holds, in double precision; the returned history is in single precision."""
 
     def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
         self._glue, self._environment, self._substeps = glue, environment, substeps
@@ -169,15 +182,15 @@ class _Watch:
         self.least = np.full((2, len(self.names)), np.inf)
         self.violations = np.zeros((2, len(self.names)), dtype=np.int64)
 
-    def check(self, states: dict[str, FloatArray], *, between: bool = False) -> FloatArray:
+    def check(self, states: dict[str, FloatArray], *, between: bool = False) -> AnyArray:
         """Check states and return their safety quantities, shape (N, C)."""
-        phi: FloatArray = np.stack(list(self._glue.safety(states).values()), axis=1)
+        phi = np.stack(list(self._glue.safety(states).values()), axis=1)
         self.least[int(between)] = np.minimum(self.least[int(between)], phi.min(axis=0))
         self.violations[int(between)] += (phi < 0.0).sum(axis=0)
-        return phi
+        return phi.astype(np.float32)
 
-    def end(self, control: FloatArray) -> None:
-        """Check the hold that has just ended, given its control [N], shape (N, 3)."""
+    def end(self, control: FloatArray) -> AnyArray:
+        """Check the hold that has just ended, and return the safety quantities at its end, shape (N, C)."""
         before, world = self._environment.simulation.before, self._environment.simulation.world
         position, velocity = before.position[:, 0].copy(), before.velocity[:, 0].copy()
         acceleration = control / world.masses[0]
@@ -185,7 +198,7 @@ class _Watch:
             propagate(position, velocity, acceleration, *self._part, position, velocity)
             sun = {"sun_angle": before.sun_angle + part * self._turn} if self._lit else {}
             self.check({"position": position, "velocity": velocity, **sun}, between=True)
-        self.check(self.states())
+        return self.check(self.states())
 
     def states(self) -> dict[str, FloatArray]:
         """Return the current states by name, as the safety glue takes them."""

@@ -75,6 +75,11 @@ class SafetyGlue(ActionGlue):
             first += size
         return thrust
 
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of what `safety` returns for each constraint; dimensionless for constraints that are not listed."""
+        return {}
+
     @abstractmethod
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return, for each constraint, the mask of the initial states that it rejects, shape (R,).

@@ -193,6 +193,11 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
     def _filter(self) -> SpeedLimitFilter:
         return SpeedLimitFilter(self, self.disturbance)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of the safety quantity."""
+        return {"speed_limit": "m/s"}
+
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return the mask of the states that are not below the limit by the filter's margin, NaN included, (R,)."""
         return {"speed_limit": ~self._filter.is_safe(states["position"], states["velocity"])}

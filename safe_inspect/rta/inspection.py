@@ -129,6 +129,11 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
             sun_angle = np.zeros(len(position))
         return RelativeState(position, velocity, sun_angle)
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each constraint's phi."""
+        return {name: constraint.unit for name, constraint in self._constraints.items()}
+
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold during the next step."""
         offered = view.world.offers.view

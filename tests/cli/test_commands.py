@@ -393,10 +393,11 @@ def test_acceptance_prints_shares(typed):
 
 @pytest.mark.parametrize("experiment", [EXPERIMENT, SHIPPED], ids=["real thrust", "levels of thrust"])
 def test_safety_enables_the_filter_and_finds_nothing(typed, experiment):
-    code, out, _ = typed("safety", experiment, "--steps", "600", "--num-envs", "60")
+    code, out, _ = typed("safety", experiment, "--steps", "600", "--num-envs", "60", "--plot", "worst.png")
     assert code == 0
     assert out.startswith("600 filtered steps")
     assert "interventions, to the chief: 0.0 %" not in out
+    assert Path("worst.png").stat().st_size > 1000
 
 
 def test_safety_off_counts_violations_and_says_so_by_its_exit_code(typed):
@@ -423,6 +424,12 @@ def test_numbers_that_make_no_sense_are_refused(typed, words, shown):
     assert code == 2  # not 1, which means violations
     assert out == ""
     assert shown in err
+
+
+def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
+    code, _, err = typed("safety", EXPERIMENT, "--steps", "50", "--plot", f"{EXPERIMENT}/drawn.png")
+    assert code == 2
+    assert "drawn.png" in err or EXPERIMENT in err
 
 
 def test_a_dry_run_names_the_plugin_that_writes_into_the_state(typed, here, monkeypatch):

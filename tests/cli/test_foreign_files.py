@@ -42,6 +42,7 @@ FILES = {
     ("film", "output"): ["film", "random", "horizon=5", "--frames", "2"],
     ("view", "output"): ["view", "random", "horizon=5"],
     ("curves", "output"): ["curves", "run"],
+    ("safety", "plot"): ["safety", TASK, "--steps", "10", "--num-envs", "2"],
 }
 OTHERS = {("train", "output"), ("leaderboard", "results")}
 

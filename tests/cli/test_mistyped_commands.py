@@ -65,6 +65,7 @@ def typed(capsys):
          "'os.system' is not a plugin; a reward must be a subclass of safe_inspect.rewards.Reward"),
         (["validate", CFG, f"{REWARD}=..rewards"], "is not a module path; write it as package.module"),
         (["validate", CFG, "agent_config.0.name='a b'"], "expected a name without spaces and slashes, got 'a b'"),
+        (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure must end in .png, .pdf, .svg; give such"),
         (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file must end in .onnx; give"),
         (["baseline", "random"], "there is no baseline 'random'; write `optimiser`, or run a policy by"),
         (["schema", "experment"], "there is no kind of file 'experment'; did you mean `experiment`?"),

@@ -8,6 +8,8 @@ import pytest
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import safety_report
+from safe_inspect.figures.drawing import save
+from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.rta.audit.adversaries import ADVERSARIES
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
@@ -49,6 +51,7 @@ def test_it_finds_the_violations_of_what_does_not_hold(report_of, overrides):
     assert report.violations_between[speed] > report.violations_at_steps[speed]  # nine moments in every hold
     np.testing.assert_array_equal(report.least_at_steps < 0.0, report.violations_at_steps > 0)
     np.testing.assert_array_equal(report.least_between < 0.0, report.violations_between > 0)
+    assert (report.worst < 0.0).any()
     assert ON in overrides or not report.interventions.any()
 
 
@@ -64,6 +67,7 @@ def test_its_counts_agree(report_of, shipped):
     assert report.moments == 6000 * 9
     np.testing.assert_array_equal(report.flown, [1000] * len(ADVERSARIES))
     assert (report.interventions <= report.flown).all()
+    assert report.worst.shape == (101, 8)
     text = str(report)
     for name in (*NAMES, *ADVERSARIES, "6,000 filtered steps", "54,000 moments", "infeasible steps: 0"):
         assert name in text
@@ -80,6 +84,7 @@ def test_its_counts_agree(report_of, shipped):
 def test_a_seed_repeats_it(shipped):
     spec = load_experiment(shipped).spec
     first, again, other = (safety_report(spec, 300, 30, seed=seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first.worst, again.worst)
     np.testing.assert_array_equal(first.least_between, again.least_between)
     assert not np.array_equal(first.least_between, other.least_between)
 
@@ -93,6 +98,18 @@ def test_its_moments_lie_on_the_trajectory(fixed_start):
     expected = 60.0 - 0.1 * 9.0 - 0.5 / 12.0 * 81.0 - 10.0
     assert report.least_between[chief] == pytest.approx(expected, abs=0.1)
     assert report.least_at_steps[chief] == pytest.approx(60.0 - 1.0 - 50.0 / 12.0 - 10.0, abs=0.1)
+
+
+def test_the_figure_is_written(report_of, tmp_path):
+    for index, report in enumerate((report_of(ON), report_of())):
+        figure = safety_figure(report)
+        labels = " ".join(axes.get_ylabel() for axes in figure.axes)
+        assert all(name in labels for name in NAMES)
+        assert {"chief_collision\n[m]", "x_vel\n[m/s]", "sun\n[rad]"} <= {axes.get_ylabel() for axes in figure.axes}
+        target = tmp_path / f"{index}.png"
+        save(figure, target)
+        assert target.read_bytes().startswith(b"\x89PNG")
+        assert target.stat().st_size > 10_000
 
 
 def test_an_agent_without_a_safety_glue_is_refused(shipped):

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.environments import load_spec
 from safe_inspect.evaluation.episodes import join
@@ -28,6 +29,7 @@ from safe_inspect.evaluation.missions import mission_episode
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.rollouts import record_episode, rollout
+from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures import curves_figure, trajectory_figure
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.page import episode_page
@@ -36,6 +38,7 @@ from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data
+from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.missions.log_estimate import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.missions.sensor_log import TRUTH_COLUMNS
 from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust
@@ -105,6 +108,13 @@ def turned():
     """Return a short episode of deputies that turn, each with a camera."""
     spec = load_spec("safe_inspect/MultiagentWeightedSixDofInspection-v0", ["horizon=5"])
     return rollout(with_scripted(spec, RandomThrust()), {}, episodes=1, seed=0, record=1).trajectories[0]
+
+
+@pytest.fixture(scope="module")
+def filtered():
+    glue = "agent_config.blue0_ctrl.config.config.glues.0.config"
+    task = configs_root() / "translational-inspection" / "experiment-seed.yml"
+    return load_experiment(task, (f"{glue}.enabled=True",)).spec
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +224,7 @@ PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
     "curves": lambda get: entries(
         curves_figure({"one": get("progress")[:2], "other": get("progress")[2:]}, "mean", each=True)
     ),
+    "safety": lambda get: entries(safety_figure(safety_report(get("filtered"), 300, 30, seed=3))),
 }
 
 

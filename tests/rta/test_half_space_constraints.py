@@ -351,6 +351,7 @@ def test_the_glue_takes_a_constraint_with_its_fields():
     found = glue.safety({**states, "sun_angle": np.zeros(2)})
     assert list(found) == ["r_max", "plane"]
     np.testing.assert_allclose(found["plane"], [3.0, -24.0])
+    assert glue.units == {"r_max": "m", "plane": "m"}
     metric = SmallestPhi(constraint=glue.constraints[1])
     assert (metric.label, metric.unit) == ("phi plane", "m")
     again = RTAGlueCWHInspection1v1.model_validate(glue.model_dump(mode="json"))

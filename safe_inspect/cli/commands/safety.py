@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
+from pathlib import Path
 
 from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_experiment_arguments
@@ -12,6 +13,9 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import acceptance, safety_report
+from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
+from safe_inspect.figures.safety_figures import safety_figure
+from safe_inspect.outputs import check_ending
 from safe_inspect.rta.audit.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
@@ -24,6 +28,7 @@ def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--num-envs", "N", "number of environments", positive, 1024)
     add_option(parser, "--seed", "N", "seed of initial states and adversaries", seed, 0)
     parser.add_argument("--off", action="store_true", help="switch the filter off; otherwise it is switched on")
+    add_option(parser, "--plot", "FILE", "plot the safety quantities of the worst episode", Path)
     audits = "start from states near the limits, with this filter and N filters of random parameters and constraints"
     add_option(parser, "--audit", "N", audits, positive)
 
@@ -45,11 +50,16 @@ def run_safety(arguments: argparse.Namespace) -> int:
     """
     if arguments.audit is not None:
         return _run_audit(arguments)
+    if arguments.plot is not None:
+        check_ending(arguments.plot, FIGURE_ENDINGS, "figure", "--plot")
+        require_matplotlib()
     experiment = _load(arguments, enabled=not arguments.off)
     with EpisodeBar("steps") as bar:
         bar.show(0, arguments.steps)
         report = safety_report(experiment.spec, arguments.steps, arguments.num_envs, arguments.seed, progress=bar.show)
     print(report)
+    if arguments.plot is not None:
+        save(safety_figure(report), arguments.plot)
     return 1 if report.violations else 0
 
 
@@ -85,7 +95,7 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
     Example:
         safe-inspect acceptance configs/translational-inspection/experiment.yml
     """
-    spec = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform).spec
+    spec = _load(arguments).spec
     found = acceptance(spec, arguments.draws, arguments.seed)
     print(found)
     disabled = [glue for agent in spec.agents for glue in agent.action_glues if not getattr(glue, "enabled", True)]
@@ -99,10 +109,12 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _load(arguments: argparse.Namespace, *, enabled: bool) -> Experiment:
-    """Load the experiment with its safety glue enabled or disabled."""
+def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:
+    """Load the experiment, with its safety glue enabled or disabled if requested."""
     load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     experiment = load(arguments.overrides)
+    if enabled is None:
+        return experiment
     team = experiment.spec.team_safety
     if team is not None and team.enabled:
         raise ConfigError(
