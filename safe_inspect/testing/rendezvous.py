@@ -60,10 +60,9 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
     """Check an estimator: its estimates for a chaser at rest in front of a target, with a camera that fails later."""
     chaser, body = _bodies()
     camera = Fault(kind="camera", start=1.5, duration=10.0)
-    mission = MissionConfig(faults=(camera,))
-    config = RendezvousConfig.model_validate({"mission": mission})
+    config = RendezvousConfig.model_validate({"mission": MissionConfig(faults=(camera,))})
     context = estimator_context(config, _target(), _streams())
-    still = ChaserTrace(*(np.tile(array, (mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
+    still = ChaserTrace(*(np.tile(array, (config.mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
 
     def estimates() -> list[AnyArray]:
         run = plugin(context)
@@ -71,7 +70,7 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
         found = []
         for k in range(12):
             held = (still, Command(np.zeros(3), np.zeros(3))) if k else ()
-            found.append(run.update(suite.read(mission.step * k, chaser, body, *held)))
+            found.append(run.update(suite.read(config.mission.step * k, chaser, body, *held)))
         return [array for estimate in found for array in (*estimate.chaser, *estimate.target)]
 
     with _unchanged([*chaser, *body], report, "the estimator"):
