@@ -69,7 +69,7 @@ class NominalMPC:
         if reference is not self._reference:
             self._reference, self._tightened = reference, self._limits(reference)
         error = np.asarray(estimate).reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
-        demand, solved = reference.force_at(self.axis, k), True
+        demand, solved = reference.feed_forward(self.axis)[k], True
         lower, upper = (limits[k] for limits in self._tightened)
         for i in range(3):
             force = self._force(error[i], lower[i], upper[i], k)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from safe_inspect.errors import ConfigError, Problem
-from safe_inspect.missions.sensor_log import FRAMES, IMU_FILES, TRUTH, TRUTH_PARTS, SensorLog
+from safe_inspect.missions.sensor_log import FRAMES, IMU, TRUTH, TRUTH_PARTS, SensorLog
 from safe_inspect.types import FloatArray
 
 #: Number of frames, spread over the log, whose depths are checked.
@@ -30,7 +30,7 @@ def check_log(log: SensorLog) -> list[Problem]:
         ConfigError: Nothing can be estimated from the log: it has no inertial samples during the time of the frames, or
             no depth within the camera's range.
     """
-    imu = next(str(log.folder / name) for name in IMU_FILES if (log.folder / name).is_file())
+    imu = str(log.folder / IMU)
     _check_samples(log, imu)
     _check_depths(log)
     return [*_clock_doubts(log, imu), *_unit_doubts(log, imu), *_truth_doubts(log)]

@@ -20,7 +20,7 @@ from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, History, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.poses import MODEL, Edge, move
+from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, Edge, move
 from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -220,11 +220,6 @@ def in_principal_axes(log: SensorLog, estimate: LogEstimate, frame: int, point: 
     return np.asarray(R_WT.T @ (R_WB @ point + estimate.chaser_positions[frame] - estimate.graph.centre))
 
 
-def mating_point_text(point: FloatArray) -> str:
-    """Return a mating point as text for the key ``mating_point`` of a target."""
-    return "[" + ", ".join(f"{value:.4f} m" for value in point) + "]"
-
-
 ESTIMATE, ONLINE, EDGES = "estimate.json", "estimate.csv", "edges.npz"
 
 
@@ -265,13 +260,11 @@ def _errors(log: SensorLog, estimate: LogEstimate, truth: FloatArray) -> dict[st
     error = estimate.attitude_error(log.times, truth[:, TRUTH_PARTS["q_WT"]])
     _, w = estimate.target.predict(log.times[-1:])
     # Without a pose to the model the directions of the axes are only known up to half turns.
-    choices = [np.ones(3)]
-    if not estimate.target.aligned:
-        choices += [2.0 * np.eye(3)[k] - 1.0 for k in range(3)]
+    turns = HALF_TURNS[:1] if estimate.target.aligned else HALF_TURNS
     return {
         "attitude_at_the_end_deg": float(np.rad2deg(error[-1])),
         "attitude_median_deg": float(np.rad2deg(np.median(error))),
-        "rate_at_the_end_deg_per_s": float(np.rad2deg(min(np.linalg.norm(w[0] * one - rate) for one in choices))),
+        "rate_at_the_end_deg_per_s": float(np.rad2deg(min(np.linalg.norm(turn @ w[0] - rate) for turn in turns))),
     }
 
 

@@ -68,18 +68,17 @@ class Mission:
         self._config, self._progress, self._watch = config, progress, watch
         self._streams = mission_streams(config, number)
         self._log = MissionLog()
-        mission, chaser = config.mission, config.chaser
         self._target = target = checked_target(config)
         tumbling = tuple(values[0] for values in initial_tumbles(config, self._streams))
         check_start(config, target, tumbling[0])
         # The initial attitude points the camera at the target.
-        position = np.array(chaser.position)
+        position = np.array(config.chaser.position)
         orientation = CameraPointing(np.array([0.0, 0.0, 0.0, 1.0])).step(position, np.zeros(3), 1.0).orientation
-        start = BodyState(position, np.array(chaser.velocity), orientation, np.zeros(3))
-        self._truth = MissionTruth(config, start, target.principal, tumbling, self._streams, mission.impulses)
+        start = BodyState(position, np.array(config.chaser.velocity), orientation, np.zeros(3))
+        self._truth = MissionTruth(config, start, target.principal, tumbling, self._streams)
         reads = (*config.estimator.reads, *reads)
-        self._sensors = SensorSuite(config.sensors, chaser, mission, target, self._streams, reads)
-        estimator = config.estimator(estimator_context(target, chaser, mission, config.sensors, self._streams))
+        self._sensors = SensorSuite(config, target, self._streams, reads)
+        estimator = config.estimator(estimator_context(config, target, self._streams))
         self.pilot = Pilot(PilotConfig.of(config), target, estimator, self._streams, self._event, self._changed)
 
     def run(self) -> MissionResult:

@@ -15,11 +15,13 @@ from safe_inspect.dynamics.quaternion import conjugate, rotate
 from safe_inspect.errors import UNREADABLE_ARRAYS, CheckpointError, SafeInspectError
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
-from safe_inspect.rendezvous.planner.query import Plan
+from safe_inspect.rendezvous.planner.query import Plan, PlanStatus
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import AnyArray, FloatArray
 
 EVENTS, ARRAYS, SUMMARY, CONFIG = "events.jsonl", "log.npz", "summary.json", "config.resolved.yml"
+#: What is written of a plan: attributes of `Plan`.
+_OF_PLANS = ("t_start", "times", "position", "velocity", "force", "position_target")
 #: The arrays that every log must have, with the shape of one control step.
 _STEP_SHAPES = {
     "t": (), "state": (), "x": (6,), "q": (4,), "w": (3,), "target_q": (4,), "target_w": (3,),
@@ -62,30 +64,13 @@ class MissionLog:
         (folder / EVENTS).write_text("\n".join(lines) + "\n", encoding="utf-8")
         np.savez_compressed(folder / ARRAYS, **self.arrays())  # type: ignore[arg-type]
         for index, plan in enumerate(self.plans):
-            names = ("t_start", "times", "position", "velocity", "force", "position_target")
-            np.savez_compressed(folder / f"plan_{index}.npz", **{name: getattr(plan, name) for name in names})
+            np.savez_compressed(folder / f"plan_{index}.npz", **{name: getattr(plan, name) for name in _OF_PLANS})
         (folder / SUMMARY).write_text(json_text(summary, 2) + "\n", encoding="utf-8")
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
     """Return a value, with arrays and numbers of NumPy, as JSON; numbers that are not finite become null."""
     return to_json(value, indent=indent, inf_nan_mode="null", fallback=lambda array: array.tolist()).decode()
-
-
-class FlownPlan(NamedTuple):
-    """A plan that the chaser has followed, as read from its file.
-
-    Attributes:
-        times: Times of the samples [s], shape (K,).
-        position: Position in W [m], shape (K, 3).
-        force: Force in W [N], shape (K, 3).
-        position_target: Position in T [m], shape (K, 3).
-    """
-
-    times: FloatArray
-    position: FloatArray
-    force: FloatArray
-    position_target: FloatArray
 
 
 class PhaseInterval(NamedTuple):
@@ -110,7 +95,7 @@ class MissionRecord:
         config: The experiment.
         target: The target.
         arrays: The arrays by name; their first axis is the control steps.
-        plans: The plans that the chaser has followed.
+        plans: The plans that the chaser has followed; only some of their arrays are recorded.
         events: The events, in order.
         summary: The summary; see `summarise_mission`.
     """
@@ -118,7 +103,7 @@ class MissionRecord:
     config: RendezvousConfig
     target: Target
     arrays: dict[str, AnyArray]
-    plans: tuple[FlownPlan, ...]
+    plans: tuple[Plan, ...]
     events: tuple[dict[str, Any], ...]
     summary: dict[str, Any]
 
@@ -171,13 +156,14 @@ def read_mission(folder: str | os.PathLike[str]) -> MissionRecord:
     config = load_rendezvous((path / CONFIG).resolve()).config
     arrays = _arrays(path / ARRAYS)
     _check_shapes(path / ARRAYS, arrays)
-    plans: list[FlownPlan] = []
+    plans: list[Plan] = []
     while (file := path / f"plan_{len(plans)}.npz").is_file():
-        own = _arrays(file)
-        missing = [name for name in FlownPlan._fields if name not in own]
+        own: dict[str, Any] = _arrays(file)
+        missing = [name for name in _OF_PLANS if name not in own]
         if missing:
             raise _damaged(file, f"no array {missing[0]}")
-        plans.append(FlownPlan(**{name: own[name] for name in FlownPlan._fields}))
+        values = {name: own[name][()] for name in _OF_PLANS}
+        plans.append(Plan(PlanStatus.SOLVED, duration=float(np.ptp(own["times"])), **values))
     lines = (path / EVENTS).read_text(encoding="utf-8", errors="replace").splitlines()
     events = tuple(_json(path / EVENTS, line) for line in lines if line.strip())
     summary = _json(path / SUMMARY, (path / SUMMARY).read_text(encoding="utf-8", errors="replace"))

@@ -26,9 +26,8 @@ from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Length, PositiveLength, Speed
 
-#: Files with the description of the sensors, the list of the frames, and the truth; inertial samples as CSV or Parquet.
-DESCRIPTION, FRAMES, TRUTH = "sensors.yml", "frames.csv", "truth.csv"
-IMU_FILES = ("imu.csv", "imu.parquet")
+#: Files with the description of the sensors, the list of the frames, the inertial samples and the truth.
+DESCRIPTION, FRAMES, IMU, TRUTH = "sensors.yml", "frames.csv", "imu.csv", "truth.csv"
 FRAME_COLUMNS = ("time", "file")
 IMU_COLUMNS = (
     "time",
@@ -258,11 +257,8 @@ def read_sensor_log(folder: str | os.PathLike[str]) -> SensorLog:
         )
     description = _description(path / DESCRIPTION)
     times, files = _frames(path / FRAMES)
-    imu_files = [path / name for name in IMU_FILES if (path / name).is_file()]
-    if len(imu_files) != 1:
-        raise ConfigError(f"{folder}: it has {len(imu_files)} of {' and '.join(IMU_FILES)}; it needs exactly one")
-    imu = _table(imu_files[0], IMU_COLUMNS)
-    _check_times(imu_files[0], imu[:, 0])
+    imu = _table(path / IMU, IMU_COLUMNS)
+    _check_times(path / IMU, imu[:, 0])
     truth = _table(path / TRUTH, TRUTH_COLUMNS) if (path / TRUTH).is_file() else None
     if truth is not None and len(truth) != len(times):
         raise ConfigError(
@@ -291,31 +287,10 @@ def _frames(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
 
 
 def _table(path: Path, columns: Sequence[str]) -> FloatArray:
-    """Return a table of numbers, CSV or Parquet, in the order of the columns."""
-    if path.suffix == ".parquet":
-        return _parquet(path, columns)
+    """Return a table of numbers in the order of the columns."""
     rows = _rows(path, columns)
     table = [[_number(path, line, name, value) for name, value in zip(columns, row, strict=True)] for line, row in rows]
     return np.array(table, dtype=np.float64).reshape(-1, len(columns))
-
-
-def _parquet(path: Path, columns: Sequence[str]) -> FloatArray:
-    import pyarrow as pa  # type: ignore[import-untyped]
-    import pyarrow.parquet as pq  # type: ignore[import-untyped]
-
-    try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowInvalid) as error:
-        message = f"it cannot be read as Parquet ({error}); write it again, or give a CSV file"
-        raise ConfigError(f"{path}: {message}") from None
-    missing = [name for name in columns if name not in table.column_names]
-    if missing:
-        raise ConfigError(f"{path}: the column `{missing[0]}` is missing; it needs {', '.join(columns)}")
-    found = np.stack([np.asarray(table[name].to_numpy(), dtype=np.float64) for name in columns], axis=1)
-    bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
-    if len(bad):
-        raise ConfigError(f"{path}: row {bad[0]} is not finite; leave such rows out")
-    return found
 
 
 def _rows(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import yaml
@@ -19,8 +18,8 @@ from safe_inspect.missions.sensor_log import (
     DESCRIPTION,
     FRAME_COLUMNS,
     FRAMES,
+    IMU,
     IMU_COLUMNS,
-    IMU_FILES,
     TRUTH,
     TRUTH_COLUMNS,
     CameraDescription,
@@ -42,11 +41,10 @@ class SensorLogWriter:
     Args:
         folder: The existing folder.
         description: The sensors.
-        images: Format of depth frames: ``npz`` (float32, metres) or ``png`` (16 bits, rounded to `depth_unit`).
     """
 
-    def __init__(self, folder: Path, description: SensorDescription, images: Literal["npz", "png"] = "npz") -> None:
-        self._folder, self._description, self._images = folder, description, images
+    def __init__(self, folder: Path, description: SensorDescription) -> None:
+        self._folder, self._description = folder, description
         self._frames: list[tuple[float, str]] = []
         self._imu: list[FloatArray] = []
         self._truth: list[FloatArray] = []
@@ -54,14 +52,8 @@ class SensorLogWriter:
 
     def add_frame(self, time: float, depth: FloatArray) -> None:
         """Add a depth frame: z in C [m], 0 where nothing is seen, shape (height, width)."""
-        name = f"frames/{len(self._frames):06d}.{self._images}"
-        if self._images == "npz":
-            np.savez_compressed(self._folder / name, **{DEPTH: depth.astype(np.float32)})  # type: ignore[arg-type]
-        else:
-            from PIL import Image
-
-            steps = np.clip(np.round(depth / self._description.camera.depth_unit), 0, 65535).astype(np.uint16)
-            Image.fromarray(steps).save(self._folder / name)
+        name = f"frames/{len(self._frames):06d}.npz"
+        np.savez_compressed(self._folder / name, **{DEPTH: depth.astype(np.float32)})  # type: ignore[arg-type]
         self._frames.append((time, name))
 
     def add_imu(self, samples: FloatArray) -> None:
@@ -78,7 +70,7 @@ class SensorLogWriter:
         text = f"# Sensors of this log; lengths in m, times in s, angles in rad.\n{described}"
         (self._folder / DESCRIPTION).write_text(text, encoding="utf-8")
         write_table(self._folder / FRAMES, FRAME_COLUMNS, self._frames)
-        write_table(self._folder / IMU_FILES[0], IMU_COLUMNS, self._imu)
+        write_table(self._folder / IMU, IMU_COLUMNS, self._imu)
         if self._truth:
             write_table(self._folder / TRUTH, TRUTH_COLUMNS, self._truth)
 
@@ -148,7 +140,6 @@ def record_watch(
     config: RendezvousConfig,
     number: int,
     seconds: float,
-    images: Literal["npz", "png"] = "npz",
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write the sensor log of a simulated observation into an existing folder and return the number of frames.
@@ -158,13 +149,12 @@ def record_watch(
         config: The experiment.
         number: Number of the mission, from which its tumble and noise are sampled.
         seconds: Duration of the observation [s].
-        images: Format of the depth frames.
         progress: Called after each frame with the number of frames that are done and the number of all frames.
     """
     wanted = int(seconds / config.sensors.frame_period + 1e-9) + 1
     frames = watch(config, number, seconds)
     first = next(frames)
-    writer = SensorLogWriter(folder, _describe_watch(config, first.chaser), images)
+    writer = SensorLogWriter(folder, _describe_watch(config, first.chaser))
     for count, seen in enumerate(itertools.chain([first], frames), 1):
         writer.add_imu(seen.imu)
         writer.add_frame(seen.frame.time, seen.frame.depth)

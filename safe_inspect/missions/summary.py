@@ -133,6 +133,7 @@ def summarise_mission(
     mission = config.mission
     moves = np.isin(arrays["state"], [Phase.TRACK.number, Phase.MP_HOLD.number])
     plans = [event["data"] for event in mission_log.events if event["event"] == "plan"]
+    answers = [event["data"] for event in mission_log.events if event["event"] in ("plan", "tube")]
     position, speed = _mating_error(arrays, target.mating_point)
     gauge = _gauge(arrays, moves)
     clearance = float(arrays["clearance"].min())
@@ -159,7 +160,7 @@ def summarise_mission(
         **_consistency(arrays),
         "tumble_axis": int(classify(target.principal, arrays["target_w"][:1]).axis[0]),
         "tumble_rate": float(np.linalg.norm(arrays["target_w"][0])),
-        "detail": "" if success else _last_refusal(mission_log),
+        "detail": "" if success or not answers else answers[-1].get("message") or answers[-1].get("refusal") or "",
         "escape_missing": sum(event["event"] == "no_escape" for event in mission_log.events),
         "keep_in_excursion": excursion,
         "contact_speed": _contact_speed(arrays),
@@ -206,15 +207,6 @@ def _consistency(arrays: dict[str, AnyArray]) -> dict[str, float | None]:
     )
     nees = float(arrays["nees"][k])  # NaN if the estimator states no covariance
     return {"attitude_error": float(np.linalg.norm(error)), "nees": nees if np.isfinite(nees) else None}
-
-
-def _last_refusal(mission_log: MissionLog) -> str:
-    """Return why the last plan or tube was refused; an empty string if it was not."""
-    for event in reversed(mission_log.events):
-        if event["event"] in ("plan", "tube"):
-            data = event["data"]
-            return str(data.get("message") or data.get("refusal") or "")
-    return ""
 
 
 def _mating_error(arrays: dict[str, AnyArray], mating_point: FloatArray) -> tuple[FloatArray, FloatArray]:

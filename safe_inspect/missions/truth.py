@@ -17,8 +17,8 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
-from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
-from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
+from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
 from safe_inspect.rendezvous.sensors.imu import Imu, InertialSample
@@ -168,7 +168,6 @@ class MissionTruth:
         inertia: The target's principal moments, up to a common factor, shape (3,).
         tumbling: The target's initial attitude q_WT, shape (4,), and angular velocity in T [rad/s], shape (3,).
         streams: The random streams of the mission.
-        impulses: Times of impacts on the target [s]; see `target_motion`.
     """
 
     def __init__(
@@ -178,10 +177,9 @@ class MissionTruth:
         inertia: FloatArray,
         tumbling: tuple[FloatArray, FloatArray],
         streams: Streams,
-        impulses: tuple[float, ...] = (),
     ) -> None:
         self._flight = ChaserFlight(config, start, streams=streams)
-        self._impulses, self._inertia, self._tumbling = impulses, inertia, tumbling
+        self._impulses, self._inertia, self._tumbling = config.mission.impulses, inertia, tumbling
         self._tick, self._ticks = config.mission.tick, config.mission.control_ticks
         self._steps = 0
         self._block = -1
@@ -266,20 +264,17 @@ def replay(folder: str | os.PathLike[str]) -> Replay:
 _BIAS_STEP = (0.02, 5e-4)
 
 
-def estimator_context(
-    target: Target, chaser: ChaserConfig, mission: MissionConfig, sensors: SensorsConfig, streams: Streams
-) -> EstimatorContext:
+def estimator_context(config: RendezvousConfig, target: Target, streams: Streams) -> EstimatorContext:
     """Return the context of the estimator of a mission.
 
     Args:
+        config: The experiment.
         target: The target.
-        chaser: The chaser.
-        mission: Rates of the mission.
-        sensors: The sensors of the chaser.
         streams: Random streams of the mission. The samples of the estimator are independent of those of the mission
             and reveal nothing about them.
     """
     own = Streams(int(streams.bits("estimator")[0, 0]), np.zeros(1, np.int64), np.zeros(1, np.int64))
+    chaser, mission, sensors = config.chaser, config.mission, config.sensors
     return EstimatorContext(
         target=target,
         chaser=chaser,
@@ -308,34 +303,24 @@ class SensorSuite:
     """The sensors of one mission.
 
     Args:
-        config: The sensors.
-        chaser: The chaser that carries them.
-        mission: Rates and faults.
+        config: The experiment.
         target: The target.
         streams: The random streams of the mission.
         reads: The kinds of measurements that are read; the others are not simulated.
     """
 
-    def __init__(
-        self,
-        config: SensorsConfig,
-        chaser: ChaserConfig,
-        mission: MissionConfig,
-        target: Target,
-        streams: Streams,
-        reads: Collection[Reading],
-    ) -> None:
-        self._config, self._chaser, self._mission = config, chaser, mission
-        self._target, self._streams = target, streams
-        self._reads = frozenset(reads)
-        self._renderer = config.camera(target) if "frames" in reads else None
-        self._poses = PoseSensorRun(config.poses, streams)
-        self._states = StateSensorRun(config.state, mission.update_period, streams)
-        self._imu = Imu(config.imu, config.imu_ticks * mission.tick, streams)
-        self._frame_steps = max(1, round(config.frame_period / mission.step))
+    def __init__(self, config: RendezvousConfig, target: Target, streams: Streams, reads: Collection[Reading]) -> None:
+        self._config, self._chaser, self._mission = config.sensors, config.chaser, config.mission
+        self._target, self._streams, self._reads = target, streams, frozenset(reads)
+        sensors, mission = config.sensors, config.mission
+        self._renderer = sensors.camera(target) if "frames" in reads else None
+        self._poses = PoseSensorRun(sensors.poses, streams)
+        self._states = StateSensorRun(sensors.state, mission.update_period, streams)
+        self._imu = Imu(sensors.imu, sensors.imu_ticks * mission.tick, streams)
+        self._frame_steps = max(1, round(sensors.frame_period / mission.step))
         self._calls = self._ticks = self._seen = 0
         self._biases = self._is_imu_silent = False
-        self._T_BC = _camera_mount(chaser)
+        self._T_BC = _camera_mount(config.chaser)
 
     def read(
         self,

@@ -4,63 +4,43 @@ The base classes are in `safe_inspect.rendezvous.plugins`; docs/rendezvous.md li
 of each kind.
 """
 
-from safe_inspect.rendezvous.control.bound import Bound
-from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign, design_without_tube
-from safe_inspect.rendezvous.control.tracker import TrackerOutput
-from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
-from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
-from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
-from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.planner.checks import Certificate, certify, plan_mistake
-from safe_inspect.rendezvous.planner.paths import ApproachPath, SampledPath
-from safe_inspect.rendezvous.planner.problem import mating_state, sampled_plan
-from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery, PlanReport, PlanStatus
-from safe_inspect.rendezvous.poses import MODEL, Edge
-from safe_inspect.rendezvous.readings import Command, Reading, Readings
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
-from safe_inspect.rendezvous.sensors.measured import PoseFrame, StateReading
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
-from safe_inspect.rendezvous.target.model import Target, TriangleMesh
-
-__all__ = [
-    "MODEL",
-    "ApproachPath",
-    "Axis",
-    "BodyState",
-    "Bound",
-    "Certificate",
-    "Command",
-    "DepthCamera",
-    "DepthFrame",
-    "DesignRequest",
-    "Edge",
-    "EstimateErrors",
-    "EstimatorContext",
-    "FrontEndContext",
-    "ImuNoise",
-    "InertialSample",
-    "JointErrors",
-    "Limits",
-    "Plan",
-    "PlanQuery",
-    "PlanReport",
-    "PlanStatus",
-    "PoseFrame",
-    "Reading",
-    "Readings",
-    "SampledPath",
-    "StateEstimate",
-    "StateReading",
-    "Target",
-    "TrackedReference",
-    "TrackerOutput",
-    "TrackingLimits",
-    "TriangleMesh",
-    "TubeDesign",
-    "certify",
-    "design_without_tube",
-    "mating_state",
-    "plan_mistake",
-    "sampled_plan",
-    "unknown_estimate",
-]
+from safe_inspect.rendezvous.control.bound import Bound as Bound
+from safe_inspect.rendezvous.control.design import DesignRequest as DesignRequest
+from safe_inspect.rendezvous.control.design import TubeDesign as TubeDesign
+from safe_inspect.rendezvous.control.design import design_without_tube as design_without_tube
+from safe_inspect.rendezvous.control.tracker import TrackerOutput as TrackerOutput
+from safe_inspect.rendezvous.control.tube import Axis as Axis
+from safe_inspect.rendezvous.control.tube import TrackedReference as TrackedReference
+from safe_inspect.rendezvous.control.tube import TrackingLimits as TrackingLimits
+from safe_inspect.rendezvous.estimate import BodyState as BodyState
+from safe_inspect.rendezvous.estimate import EstimateErrors as EstimateErrors
+from safe_inspect.rendezvous.estimate import JointErrors as JointErrors
+from safe_inspect.rendezvous.estimate import StateEstimate as StateEstimate
+from safe_inspect.rendezvous.estimate import unknown_estimate as unknown_estimate
+from safe_inspect.rendezvous.estimation.estimators import EstimatorContext as EstimatorContext
+from safe_inspect.rendezvous.front_end.base import FrontEndContext as FrontEndContext
+from safe_inspect.rendezvous.planner.checks import Certificate as Certificate
+from safe_inspect.rendezvous.planner.checks import certify as certify
+from safe_inspect.rendezvous.planner.checks import plan_mistake as plan_mistake
+from safe_inspect.rendezvous.planner.paths import ApproachPath as ApproachPath
+from safe_inspect.rendezvous.planner.paths import SampledPath as SampledPath
+from safe_inspect.rendezvous.planner.problem import mating_state as mating_state
+from safe_inspect.rendezvous.planner.problem import sampled_plan as sampled_plan
+from safe_inspect.rendezvous.planner.query import Limits as Limits
+from safe_inspect.rendezvous.planner.query import Plan as Plan
+from safe_inspect.rendezvous.planner.query import PlanQuery as PlanQuery
+from safe_inspect.rendezvous.planner.query import PlanReport as PlanReport
+from safe_inspect.rendezvous.planner.query import PlanStatus as PlanStatus
+from safe_inspect.rendezvous.poses import MODEL as MODEL
+from safe_inspect.rendezvous.poses import Edge as Edge
+from safe_inspect.rendezvous.readings import Command as Command
+from safe_inspect.rendezvous.readings import Reading as Reading
+from safe_inspect.rendezvous.readings import Readings as Readings
+from safe_inspect.rendezvous.sensors.imu import ImuNoise as ImuNoise
+from safe_inspect.rendezvous.sensors.imu import InertialSample as InertialSample
+from safe_inspect.rendezvous.sensors.measured import PoseFrame as PoseFrame
+from safe_inspect.rendezvous.sensors.measured import StateReading as StateReading
+from safe_inspect.rendezvous.sensors.tof import DepthCamera as DepthCamera
+from safe_inspect.rendezvous.sensors.tof import DepthFrame as DepthFrame
+from safe_inspect.rendezvous.target.model import Target as Target
+from safe_inspect.rendezvous.target.model import TriangleMesh as TriangleMesh

@@ -19,9 +19,9 @@ from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
-from safe_inspect.rendezvous.experiment import SensorsConfig
+from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
-from safe_inspect.rendezvous.models import ChaserConfig, Fault, MissionConfig
+from safe_inspect.rendezvous.models import Fault, MissionConfig
 from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
 from safe_inspect.rendezvous.plugins import (
@@ -60,17 +60,17 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
     """Check an estimator: its estimates for a chaser at rest in front of a target, with a camera that fails later."""
     chaser, body = _bodies()
     camera = Fault(kind="camera", start=1.5, duration=10.0)
-    mission, sensors = MissionConfig(faults=(camera,)), SensorsConfig()
-    context = estimator_context(_target(), ChaserConfig(), mission, sensors, _streams())
-    still = ChaserTrace(*(np.tile(array, (mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
+    config = RendezvousConfig.model_validate({"mission": MissionConfig(faults=(camera,))})
+    context = estimator_context(config, _target(), _streams())
+    still = ChaserTrace(*(np.tile(array, (config.mission.control_ticks, 1)) for array in (*chaser, np.zeros(6))))
 
     def estimates() -> list[AnyArray]:
         run = plugin(context)
-        suite = SensorSuite(sensors, context.chaser, mission, _target(), _streams(), plugin.reads)
+        suite = SensorSuite(config, _target(), _streams(), plugin.reads)
         found = []
         for k in range(12):
             held = (still, Command(np.zeros(3), np.zeros(3))) if k else ()
-            found.append(run.update(suite.read(mission.step * k, chaser, body, *held)))
+            found.append(run.update(suite.read(config.mission.step * k, chaser, body, *held)))
         return [array for estimate in found for array in (*estimate.chaser, *estimate.target)]
 
     with _unchanged([*chaser, *body], report, "the estimator"):

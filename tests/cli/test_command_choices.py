@@ -128,15 +128,15 @@ def test_frames_are_taken_at_steps_of_control(
 ) -> None:
     given: list[Any] = []
 
-    def record(folder: Path, config: Any, mission: int, seconds: float, images: str, _: Any) -> int:
-        given.append((config.sensors.frame_period, mission, seconds, images))
+    def record(folder: Path, config: Any, mission: int, seconds: float, _: Any) -> int:
+        given.append((config.sensors.frame_period, mission, seconds))
         return 17
 
     monkeypatch.setattr(rendezvous, "record_watch", record)
     words = ("record-log", MISSION, "--period", period, "--seconds", "9", "--mission", "3", "--output", "o")
     code, out, err = typed(*words)
     if fits:
-        assert (code, out, given) == (0, "17 frames are in o\n", [(float(period), 3, 9.0, "npz")])
+        assert (code, out, given) == (0, "17 frames are in o\n", [(float(period), 3, 9.0)])
     else:
         shown = f"error: --period {period} is not a multiple of the control step, 0.2 s; round it"
         assert (code, err.splitlines()[-1], given) == (2, shown, [])

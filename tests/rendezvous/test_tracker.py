@@ -82,14 +82,9 @@ def test_a_tube_without_width_and_limits_without_a_box(reference):
     np.testing.assert_allclose(found[:, 2], LIMITS.force - np.abs(reference.feed_forward(AXIS)).max(axis=0))
 
 
-@pytest.mark.parametrize("is_on_orbit", [False, True])
-def test_the_force_of_one_step_is_that_of_the_whole_reference(reference, is_on_orbit):
-    tide = 1e-3 * np.random.default_rng(0).normal(size=(STEPS, 3)) if is_on_orbit else None
-    whole = TrackedReference(reference.position, reference.velocity, tide)
-    for k in range(STEPS):
-        np.testing.assert_array_equal(whole.force_at(AXIS, k), whole.feed_forward(AXIS)[k])
+def test_a_reference_of_one_sample_needs_no_force():
     rest = TrackedReference(np.zeros((1, 3)), np.ones((1, 3)))
-    np.testing.assert_array_equal(rest.force_at(AXIS, 0), np.zeros(3))
+    np.testing.assert_array_equal(rest.feed_forward(AXIS), np.zeros((1, 3)))
 
 
 def test_the_force_is_that_of_the_reference_and_the_feedback_of_the_step_s_gain(tube, reference):

@@ -15,12 +15,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.missions.log_checks import check_log
-from safe_inspect.missions.log_estimate import (
-    estimate_log,
-    estimate_table,
-    summary_of,
-    write_estimate,
-)
+from safe_inspect.missions.log_estimate import estimate_log, estimate_table, summary_of, write_estimate
 from safe_inspect.missions.mission import Mission
 from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.sensor_log import read_sensor_log
@@ -102,7 +97,6 @@ def add_record_log_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--seconds", "SECONDS", "length of the log", positive_number, 120.0)
     add_option(parser, "--period", "SECONDS", "time between two frames", positive_number, 1.0)
     add_option(parser, "--mission", "N", "draw the tumble of mission N", natural, 0)
-    parser.add_argument("--images", choices=("npz", "png"), default="npz", help="format of the frames (default: npz)")
 
 
 def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
@@ -136,7 +130,7 @@ def run_record_log(arguments: argparse.Namespace) -> int:
     config = config.model_copy(update={"sensors": sensors})
     with EpisodeBar("frames") as bar, output_folder(arguments) as folder:
         assert folder is not None, "--output is required"
-        count = record_watch(folder, config, arguments.mission, arguments.seconds, arguments.images, bar.show)
+        count = record_watch(folder, config, arguments.mission, arguments.seconds, bar.show)
     print(f"{count} frames are in {arguments.output}")
     return 0
 

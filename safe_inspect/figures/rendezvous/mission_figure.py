@@ -20,9 +20,10 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     show_extent,
 )
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
-from safe_inspect.missions.record import FlownPlan, MissionRecord
+from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference
 from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import AnyArray, FloatArray
 
 AXIS_COLOURS = (VERMILION, BLUE, GREEN)
@@ -34,7 +35,7 @@ _LEFT, _WIDTH = 0.675, 0.31
 _PLACES = ((0.755, 0.18), (0.525, 0.18), (0.295, 0.18), (0.075, 0.17))
 
 
-def _plan_clearance(record: MissionRecord, plan: FlownPlan) -> FloatArray:
+def _plan_clearance(record: MissionRecord, plan: Plan) -> FloatArray:
     """Return the distance of the chaser's sphere to the target's boxes along a plan [m], shape (K,)."""
     still = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(plan.times), 4))
     return clearances(record.target, plan.position_target, still, record.config.chaser.radius)

@@ -9,9 +9,10 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
-from safe_inspect.missions.record import FlownPlan, MissionRecord
+from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference
 from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.surface import MeshSurface
@@ -249,7 +250,7 @@ class SceneArtists:
         return best_view(self.path[first:], self._target, np.eye(3) if self.in_target else self._attitude[-1])
 
     def show(
-        self, pose: tuple[FloatArray, FloatArray], view: Camera, way: FloatArray, plan: FlownPlan | None, rows: AnyArray
+        self, pose: tuple[FloatArray, FloatArray], view: Camera, way: FloatArray, plan: Plan | None, rows: AnyArray
     ) -> None:
         """Draw a moment.
 

@@ -122,7 +122,7 @@ class LinearFeedback:
     def step(self, estimate: FloatArray, reference: TrackedReference, k: int) -> TrackerOutput:
         """Return the force at step k of the reference, for an estimate (position, velocity) in W, shape (6,)."""
         error = np.asarray(estimate).reshape(2, 3).T - np.stack((reference.position[k], reference.velocity[k]), axis=1)
-        demand = reference.force_at(self.axis, k) + error @ self.tube.gain_at(k)
+        demand = reference.feed_forward(self.axis)[k] + error @ self.tube.gain_at(k)
         width = self.tube.position[min(k, len(self.tube.position) - 1)]
         outside = error[:, 0] - np.clip(error[:, 0], -width, width)
         return TrackerOutput(np.clip(demand, -self.force, self.force), outside)

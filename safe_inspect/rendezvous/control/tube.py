@@ -203,13 +203,6 @@ class TrackedReference:
         mean[:-1] = 0.5 * (self.tide[:-1] + self.tide[1:])
         return force - axis.mass * mean
 
-    def force_at(self, axis: Axis, k: int) -> FloatArray:
-        """Return the force of `feed_forward` at step k [N], shape (3,)."""
-        first = max(min(k, len(self.position) - 2), 0)
-        part = slice(first, first + 2)
-        two = TrackedReference(self.position[part], self.velocity[part], None if self.tide is None else self.tide[part])
-        return np.asarray(two.feed_forward(axis)[k - first])
-
 
 @dataclass(frozen=True)
 class TrackingLimits:

@@ -51,8 +51,8 @@ def _watched() -> Iterator[_Seen]:
     config = load_rendezvous(_FILE, ["estimator.config.front_end.functor=MeasuredPoses"]).config
     mission, target = config.mission, checked_target(config)
     streams = Streams(0, np.array([1]), np.zeros(1, np.int64))
-    run = config.estimator(estimator_context(target, config.chaser, mission, config.sensors, streams))
-    sensors = SensorSuite(config.sensors, config.chaser, mission, target, streams, config.estimator.reads)
+    run = config.estimator(estimator_context(config, target, streams))
+    sensors = SensorSuite(config, target, streams, config.estimator.reads)
     times = np.arange(round(_END / mission.step) + 1) * mission.step
     q, w = target_motion(target.principal, [value[0] for value in initial_tumbles(config, streams)], (_CHANGE,), times)
     still, place = np.zeros(3), np.array([0.0, -1.5, 0.0])

@@ -113,7 +113,7 @@ def _fields(model: type[BaseModel]) -> Any:
 
 
 def _options() -> Any:
-    kinds = [getattr(plugins, name) for name in plugins.__all__]
+    kinds = [getattr(plugins, name) for name in sorted(vars(plugins)) if name[0].isupper()]
     shared = [
         models.ActuatorConfig, models.LimitsConfig, models.ChaserConfig, models.Fault, models.MissionConfig,
         SensorsConfig, RendezvousConfig, PoseSensor, StateSensor, TimeOfFlightCamera, ConformalBound,

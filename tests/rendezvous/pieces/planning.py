@@ -230,9 +230,7 @@ def _sensors() -> Any:
         "sensors.state={attitude_sigma: 1 deg, rate_sigma: 0.1 deg/s, correlation: 0.6}",
     )
     config = load_rendezvous(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml", settings).config
-    suite = SensorSuite(
-        config.sensors, config.chaser, config.mission, config.target(), STREAMS, ("poses", "inertial", "state")
-    )
+    suite = SensorSuite(config, config.target(), STREAMS, ("poses", "inertial", "state"))
     random, found = np.random.default_rng(0), []
     level, turned = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]), np.array([0.0, 0.0, 0.0, 1.0])
     for k in range(14):
