@@ -15,7 +15,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import cycle, islice
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,10 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 
 import numpy as np  # noqa: E402
 from machine import machine  # noqa: E402
+from scikit_clusters import PlainClusters  # noqa: E402
 from stopwatch import Stopwatch, on_the_watch  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
-from safe_inspect.config.spec import EnvironmentSpec  # noqa: E402
 from safe_inspect.environments import TeamEnvironment, load_spec  # noqa: E402
 
 TASK = "safe_inspect/TranslationalInspectionSeed-v0"
@@ -57,7 +57,6 @@ TEAM_FILTER = "env_config.rta.config.enabled=True"
 THRUSTS = {"small": 0.02, "full": 1.0}
 #: Steps of filtered flights from a reset: what a filter costs depends on how near the limits the states have come.
 FLIGHT = 64
-SENSOR = "Sensor_UninspectedPoints"
 LEGEND = """
 batch      the task of one deputy; team: the multi-agent task with D deputies
 rendezvous docking with a tumbling target, levels of thrust at random
@@ -146,23 +145,6 @@ class Case:
         }
 
 
-def with_sklearn(spec: EnvironmentSpec) -> EnvironmentSpec:
-    """Return the task with scikit-learn's K-means in its sensor."""
-    agent = spec.agents[0]
-    parts = {
-        name: part.model_copy(update={"backend": "sklearn"}) if part.registered_name == SENSOR else part
-        for name, part in agent.parts.items()
-    }
-    return replace(spec, agents=(replace(agent, parts=parts),))
-
-
-def forget_clusters(environment: TeamEnvironment) -> None:
-    """Make the sensor cluster at this step, whether its candidates have changed or not."""
-    for name, array in environment.state.arrays.items():
-        if name.endswith("/settled"):
-            array[...] = False
-
-
 def profile(case: Case, seconds: float) -> dict[str, float]:
     """Return the share of each section in the time of a step, resets included, largest first.
 
@@ -189,10 +171,9 @@ def make_cases(
         for thrust in ("levels",) if name == "rendezvous" else THRUSTS:
             cases += [Case(name, count, thrust, TeamEnvironment(task, count, seed=1)) for count in envs]
     if plain:
-        slow = with_sklearn(spec)
-        for thrust in THRUSTS:
-            every = Case("K-means at every step", 1, thrust, TeamEnvironment(slow, 1, seed=1), forget_clusters)
-            cases += [every, Case("K-means when points change", 1, thrust, TeamEnvironment(slow, 1, seed=1))]
+        for name, every in (("K-means at every step", True), ("K-means when points change", False)):
+            for thrust in THRUSTS:
+                cases.append(Case(name, 1, thrust, TeamEnvironment(spec, 1, seed=1), PlainClusters(every)))
     for size in deputies:
         team = load_spec(TEAM_TASK, [f"blue#_ctrl.count={size}"])
         cases += [

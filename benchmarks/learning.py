@@ -67,6 +67,18 @@ def table(figures: dict[str, Evaluation]) -> str:
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
 
 
+def untrained_policy(checkpoint: Path, policy: str | None) -> Any:
+    """Return a policy with the settings of a checkpoint's, but with new random weights."""
+    import torch
+
+    from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
+
+    module = trained_policy(checkpoint, policy).module
+    arguments, keywords = module.get_ctor_args_and_kwargs()
+    torch.manual_seed(0)
+    return TrainedPolicy(type(module)(*arguments, **keywords))
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cfg", default=CONFIGURATION)
@@ -87,10 +99,10 @@ def main(argv: list[str] | None = None) -> int:
         if checkpoint is None:
             print("the training left no checkpoint", file=sys.stderr)
             return 1
-        from safe_inspect.experiments.modules.policy import trained_policy, untrained_policy
+        from safe_inspect.experiments.modules.policy import trained_policy
 
         fliers = {name: baseline(name) for name in arguments.baselines}
-        fliers["untrained"] = pilots(experiment, lambda policy: untrained_policy(checkpoint, policy=policy))
+        fliers["untrained"] = pilots(experiment, lambda policy: untrained_policy(checkpoint, policy))
         fliers["trained"] = pilots(experiment, lambda policy: trained_policy(checkpoint, policy))
         figures = {
             who: Evaluation.of(who, rollout(experiment.spec, policies, arguments.episodes, seed=EVALUATION_SEED))

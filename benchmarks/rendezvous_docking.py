@@ -23,10 +23,11 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
-import pyarrow.parquet as pq  # noqa: E402
 
 from safe_inspect.config.data import configs_root  # noqa: E402
 from safe_inspect.dynamics.quaternion import rotate  # noqa: E402
+from safe_inspect.evaluation.results.files import read_evaluation  # noqa: E402
+from safe_inspect.evaluation.results.results import Block  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.missions.mission import Mission  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
@@ -44,11 +45,10 @@ _SETTINGS = (
 
 def flown(settings: list[str], start: dict[str, Any]) -> dict[str, Any]:
     """Return how a mission from the initial state of an episode ends."""
-    rate = [start[f"begin/target_angular_velocity/{i}"] for i in range(3)]
-    attitude = [start[f"begin/target_orientation/{i}"] for i in range(4)]
+    rate, attitude = start["target_angular_velocity"].tolist(), start["target_orientation"].tolist()
     speed = float(np.linalg.norm(rate))
     tumble = f"{{functor: TriAxialTumble, config: {{rate: {speed!r} rad/s, direction: {rate}, attitude: {attitude}}}}}"
-    position = "chaser.position=[" + ", ".join(f"{start[f'begin/chaser_ctrl/{i}']!r} m" for i in "xyz") + "]"
+    position = "chaser.position=[" + ", ".join(f"{x!r} m" for x in start["position"][0].tolist()) + "]"
     path = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
     config = load_rendezvous(path, [*settings, f"tumble={tumble}", position]).config
     result = Mission(config, 0).run()
@@ -74,13 +74,13 @@ def flown(settings: list[str], start: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def learned(episode: dict[str, Any]) -> dict[str, Any]:
+def learned(team: Block, number: int) -> dict[str, Any]:
     """Return how an episode of the policy has ended."""
     return {
-        "success": episode["status"] == "win",
-        "contact": episode["least clearance"] < 0.25,
-        "time": episode["length"],
-        "delta_v": episode["delta-v"],
+        "success": bool(team.status[number] == "win"),
+        "contact": bool(team.figures["least clearance"][number] < 0.25),
+        "time": float(team.figures["length"][number]),
+        "delta_v": float(team.figures["delta-v"][number]),
     }
 
 
@@ -114,17 +114,18 @@ def main() -> None:
     parser.add_argument("--json", help="file to write the figures to")
     arguments = parser.parse_args()
     began = time.process_time()
-    episodes = pq.read_table(arguments.folder / "episodes.parquet").to_pylist()
+    evaluation = read_evaluation(arguments.folder)
     numbers = range(arguments.first, arguments.first + arguments.flights)
     flights = []
     for number in numbers:
-        flights.append(flown([*_SETTINGS, *arguments.overrides], episodes[number]))
+        start = {name: values[number] for name, values in evaluation.initial_states.items()}
+        flights.append(flown([*_SETTINGS, *arguments.overrides], start))
         if not flights[-1]["success"]:
             print(number, flights[-1], flush=True)
         if len(flights) % 50 == 0:
             print(f"{len(flights)} flown", flush=True)
     figures = {
-        "policy": report("policy", [learned(episodes[number]) for number in numbers]),
+        "policy": report("policy", [learned(evaluation.team, number) for number in numbers]),
         "tube": report("tube", flights),
         "processor time [s]": time.process_time() - began,
     }

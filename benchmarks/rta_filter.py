@@ -21,6 +21,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ[_variable] = "1"  # before NumPy is imported
 
 import numpy as np  # noqa: E402
+from admissible import admissible  # noqa: E402
 
 from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
 from safe_inspect.environments import BatchedEnvironment, load_spec  # noqa: E402
@@ -211,7 +212,7 @@ def main() -> None:
             "continuous": ContinuousFilter(),
             "phi alone": lambda state, want: backup.phi(state),  # type: ignore[dict-item, return-value]
             "plan search alone": lambda state, want: backup.recoverable(state),  # type: ignore[dict-item, return-value]
-            "test of the desired control": lambda state, want: backup.admissible(state, want),  # type: ignore[dict-item, return-value]
+            "test of the desired control": lambda state, want: admissible(backup, state, want),  # type: ignore[dict-item, return-value]
         },
         start, RelativeState(p, v, theta),
     )  # fmt: skip

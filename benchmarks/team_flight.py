@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import BoolArray, FloatArray
 
@@ -48,15 +47,13 @@ class TeamFlight:
         promised, backup = np.ones(runs, np.bool_), np.zeros(runs, np.bool_)
         if self._kind != "decentralised":
             return desired, promised, backup
-        control = np.empty_like(desired)
-        for i in range(deputies):
-            others = [j for j in range(deputies) if j != i]
-            state = self.state
-            one = self._run.decentralised(
-                RelativeState(state.position[:, i], state.velocity[:, i], state.sun_angle), desired[:, i],
-                state.position[:, others], state.velocity[:, others],
-            )  # fmt: skip
-            control[:, i] = one.control
+        control, state = np.empty_like(desired), self.state
+        for i in range(deputies):  # each assumes that the others coast
+            coasting = np.ones((runs, deputies), np.bool_)
+            coasting[:, i] = False
+            alone = TeamState(state.position, state.velocity, state.sun_angle, coasting)
+            one = self._run(alone, np.where(coasting[..., None], 0.0, desired))
+            control[:, i] = one.control[:, i]
             promised &= ~one.infeasible
             backup |= one.backup
         return control, promised, backup

@@ -36,7 +36,7 @@ def main() -> int:
     if any(not equals for _, equals, _ in pairs):
         parser.error("write --evaluation as TITLE=FILE")
 
-    from safe_inspect.experiments.export.shipping import CardData, evaluation_content, ship
+    from model_cards import CardData, evaluation_content, ship  # loads Ray and Torch
 
     try:
         card = CardData(

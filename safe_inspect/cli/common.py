@@ -34,9 +34,9 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         command: A module of `cli.commands` and the name of a command in it, whose arguments are added by
-            ``add_NAME_arguments`` and which ``run_NAME`` runs; the docstring of the latter is the help of the command.
-            The module is imported when a command line is parsed, so that other commands and the list of commands do
-            not import it. None for a parser with subcommands.
+            ``add_NAME_arguments``, or by `add_experiment_arguments` if there is none, and which ``run_NAME`` runs; the
+            docstring of the latter is the help of the command. The module is imported when a command line is parsed, so
+            that other commands and the list of commands do not import it. None for a parser with subcommands.
         options: Keyword arguments of `argparse.ArgumentParser`.
     """
 
@@ -51,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         (module, name), self._command = self._command, None
         commands, function = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
         run = getattr(commands, f"run_{function}")
-        getattr(commands, f"add_{function}_arguments")(self)
+        getattr(commands, f"add_{function}_arguments", add_experiment_arguments)(self)
         self.set_defaults(run=run)
         self.description, _, example = (inspect.getdoc(run) or "").partition("\n\nExample:\n")
         self.epilog = f"Example:\n{example}\n\n{EXIT_CODES}\nDocumentation: docs/cli.md#{name}"

@@ -47,11 +47,10 @@ def current_infos(environment: TeamEnvironment) -> list[dict[str, AnyArray]]:
 def transition_info(transition: Transition, team: TeamFiltered | None = None) -> dict[str, AnyArray]:
     """Return the info of a step: the info of its final state, and ``reward/NAME`` for every reward term.
 
-    If invalid actions are replaced by a backup, ``rta/invalid_action`` is true in the rows whose action was NaN or
-    infinite. With a safety filter, ``rta/intervening`` and ``rta/infeasible`` refer to this step. With an agent's own
-    filter there are also ``rta/active`` (bit j: constraint j rejected the desired thrust) and ``rta/phi_min``, the
-    smallest plain safety quantity at the start of the step; with a filter of the whole team there is also
-    ``rta/backup``. A filter never intervenes for an agent that had ended before the step.
+    With a safety filter, ``rta/intervening`` and ``rta/infeasible`` refer to this step. With an agent's own filter,
+    there are also ``rta/active`` (bit j: constraint j rejected the desired thrust) and ``rta/phi_min``, the smallest
+    plain safety quantity at the start of the step; with a filter of the whole team there is also ``rta/backup``. A
+    filter never intervenes for an agent that had ended before the step.
 
     Args:
         transition: The step of a group of agents.
@@ -61,8 +60,6 @@ def transition_info(transition: Transition, team: TeamFiltered | None = None) ->
     info = state_info(step.after, has_filter=team is not None)
     info |= {f"reward/{name}": value.reshape(-1) for name, value in transition.terms.items()}
     filtered = step.filtered
-    if step.invalid is not None:
-        info["rta/invalid_action"] = step.invalid & transition.active.reshape(-1)
     if filtered is not None:
         active = transition.active.reshape(-1)
         info["rta/intervening"] = step.intervening & active

@@ -57,8 +57,6 @@ class AgentGroup:
         size: Number of agents, G.
         members: Indices of its deputies among all deputies.
         safety_filter: Safety filter of the agents' thrusts, if one is enabled.
-        flies_backup: Whether an invalid action is replaced by the backup of a safety filter instead of stopping the
-            run.
         scripted: Whether a scripted policy controls the deputies, so that the caller gives no actions for them.
         group: Description of the group for views of the state.
         observation_layout: Layout of the observation of one agent.
@@ -79,7 +77,6 @@ class AgentGroup:
         self.agent = agent
         filters = [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
         self.safety_filter = filters[0] if filters else None
-        self.flies_backup = self.safety_filter is not None and self.safety_filter.invalid_actions == "backup"
         self.first, self.size, self.scripted = first, len(specs), agent.scripted_policy is not None
         self.members = slice(first, first + len(specs))
         self.remembering = {

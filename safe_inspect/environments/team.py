@@ -10,14 +10,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.environments.finite_checks import (
-    checked_seed,
-    names_writers,
-    replaced,
-    require_finite,
-    require_shape,
-    with_backup,
-)
+from safe_inspect.environments.finite_checks import checked_seed, names_writers, require_finite, require_shape
 from safe_inspect.environments.group import AgentGroup, group_agents
 from safe_inspect.environments.transition import TeamTransition, Transition
 from safe_inspect.rta.base import TeamFiltered
@@ -81,9 +74,6 @@ class TeamEnvironment:
         )
         for group, view in zip(self.groups, self.simulation.views, strict=True):
             group.require_needed(view)
-        if self._safety_filter is not None and self._safety_filter.invalid_actions == "backup":
-            for group in self.acting:
-                group.flies_backup = True
         if _fused:
             from safe_inspect.environments.fused.step import FusedGroup  # imports Numba, which validation does not need
 
@@ -187,17 +177,11 @@ class TeamEnvironment:
         given = iter(actions)
         steps: list[Step] = []
         for group, view, idle in zip(self.groups, views, self._idle, strict=True):
-            invalid = None
             if group.scripted:
                 action = desired = group.fly(view)
-            elif group.flies_backup:
-                action, invalid = replaced(next(given), group.action_layout)
-                action, desired = group.command(action, view)
-                desired = with_backup(desired, invalid, group.safety_filter, view)
             else:
                 action, desired = group.command(next(given), view)
             steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
-            steps[-1].invalid = invalid
         filtered = [
             group.filter(step.writable_control, step.before) for group, step in zip(self.groups, steps, strict=True)
         ]

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from safe_inspect.dones.base import DoneStatus
-from safe_inspect.errors import UNREADABLE_ARRAYS, OutputError
+from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory
+from safe_inspect.evaluation.packing import UNREADABLE_PACKED, load_packed, save_packed
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
-from safe_inspect.types import AnyArray
 
-_CLASSES = {cls.__name__: cls for cls in (Episodes, AgentEpisodes, Trajectory)}
 _NEW = "batch.new.npz"
 
 
@@ -41,9 +36,8 @@ class KeptEpisodes:
         if self._folder is None:
             return None
         try:
-            with np.load(self._folder / _batch_file(self._name, first), allow_pickle=False) as arrays:
-                found = _unpacked(json.loads(str(arrays["tree"])), arrays)
-        except (*UNREADABLE_ARRAYS, TypeError):
+            found = load_packed(self._folder / _batch_file(self._name, first), Episodes, AgentEpisodes, Trajectory)
+        except UNREADABLE_PACKED:
             return None
         if not isinstance(found, Episodes) or len(found) != count:
             return None
@@ -58,10 +52,8 @@ class KeptEpisodes:
         """
         if self._folder is None:
             return
-        arrays: dict[str, AnyArray] = {}
-        tree = json.dumps(_packed(batch, arrays))
         try:
-            np.savez(self._folder / _NEW, tree=np.array(tree), **arrays)  # type: ignore[arg-type]
+            save_packed(self._folder / _NEW, batch)
             (self._folder / _NEW).replace(self._folder / _batch_file(self._name, first))
         except OSError as error:
             with suppress(OSError):
@@ -160,38 +152,3 @@ def _check_flights(folder: Path, command: str, flown: Mapping[str, Any], force: 
         )
     if differing:
         remove_written(folder, leave=(LOCK,))
-
-
-def _packed(value: Any, arrays: dict[str, AnyArray]) -> Any:
-    """Return a value in a form that JSON supports; its arrays are put into `arrays` and replaced by their names."""
-    if isinstance(value, np.ndarray):
-        name = f"array{len(arrays)}"
-        arrays[name] = value
-        return {"array": name}
-    if isinstance(value, DoneStatus):
-        return {"status": int(value)}
-    if is_dataclass(value):
-        content = {item.name: _packed(getattr(value, item.name), arrays) for item in fields(value)}
-        return {"class": type(value).__name__, "fields": content}
-    if isinstance(value, Mapping):
-        return {"mapping": {key: _packed(item, arrays) for key, item in value.items()}}
-    if isinstance(value, tuple):
-        return {"tuple": [_packed(item, arrays) for item in value]}
-    return value
-
-
-def _unpacked(value: Any, arrays: Mapping[str, AnyArray]) -> Any:
-    """Return the value from which `_packed` made its result."""
-    if not isinstance(value, dict):
-        return value
-    if "array" in value:
-        return arrays[value["array"]]
-    if "status" in value:
-        return DoneStatus(value["status"])
-    if "class" in value:
-        content = {key: _unpacked(item, arrays) for key, item in value["fields"].items()}
-        return _CLASSES[value["class"]](**content)
-    if "mapping" in value:
-        return {key: _unpacked(item, arrays) for key, item in value["mapping"].items()}
-    items: Sequence[Any] = value["tuple"]
-    return tuple(_unpacked(item, arrays) for item in items)

@@ -43,7 +43,7 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
     """
     for metric in metrics:
         if not isinstance(metric, BaseMetric):
-            raise ArgumentError(f"a metric must be an object such as InspectedPoints(), got {metric!r:.60}")
+            raise ArgumentError(f"a metric must be an object such as ThrustingSteps(), got {metric!r:.60}")
     labels = [metric.label for metric in metrics]
     for metric, label in zip(metrics, labels, strict=True):
         if not isinstance(metric, (Metric, TeamMetric)):
@@ -52,7 +52,7 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
             )
         if "/" in label:
             raise SafeInspectError(
-                f"the label {label!r} of a metric has a slash, which is reserved for columns of files; leave it out"
+                f"the label {label!r} of a metric has a slash, which is reserved for reward terms; leave it out"
             )
         if labels.count(label) > 1:
             raise SafeInspectError(f"two metrics have the label {label!r}; remove one, or use a class with another")

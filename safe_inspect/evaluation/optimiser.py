@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -12,26 +13,20 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.success import SuccessfulInspectionDoneFunction
-from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.evaluation.rollouts import fly_slots, sighting_steps
-from safe_inspect.planning.coverage_problem import (
-    CoverageProblem,
-    control_authorities,
-    impulse_responses,
-    lit_from_all_sides,
-    sight_range,
-)
-from safe_inspect.planning.coverage_search import MAX_BURNS, SearchEffort, search_plan
+from safe_inspect.evaluation.rollouts import fly_slots
+from safe_inspect.geometry.visibility import sight_range
+from safe_inspect.planning.burn_problem import BurnProblem, burn_steps
+from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
+from safe_inspect.planning.plan_refinement import refine_plan
 from safe_inspect.planning.record import Burn, Entry, FlightPlan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 from safe_inspect.rta.base import SafetyGlue
+from safe_inspect.simulators.view import View
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
-from safe_inspect.tasks.inspection.sun import predicted_sun
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -96,17 +91,8 @@ def coverage_task(spec: EnvironmentSpec) -> _CoverageTask:
     )
 
 
-def _thrust_reach(environment: TeamEnvironment) -> FloatArray:
-    """Return the velocity change that one step can give along each axis in both directions [m/s], shape (3,)."""
-    limits, world = environment.groups[0].limits, environment.simulation.world
-    strength = np.maximum(np.minimum(limits.high, -limits.low), 0.0)
-    return np.asarray(strength * (world.step_size / world.masses[0]))
-
-
-def coverage_problem(
-    environment: TeamEnvironment, row: int, task: _CoverageTask, hold: int
-) -> tuple[CoverageProblem, IntArray]:
-    """Return the planning problem of one episode, and the indices of the points that are to be inspected.
+def coverage_problem(environment: TeamEnvironment, row: int, task: _CoverageTask) -> tuple[BurnProblem, FloatArray]:
+    """Return the planning problem of one episode, and the deputy's position [m] and velocity [m/s], shape (6,).
 
     With a narrow field of view, a plan is limited to ranges at which the whole chief is in view.
 
@@ -114,13 +100,11 @@ def coverage_problem(
         environment: A batch after a reset.
         row: The episode's row.
         task: The requirements of the task.
-        hold: Number of steps of a burn.
 
     Raises:
         SafeInspectError: The chief is not at rest at the origin of Hill's frame.
     """
-    simulation, state = environment.simulation, environment.state
-    world, steps = simulation.world, task.horizon
+    state, world, group = environment.state, environment.simulation.world, environment.groups[0]
     model = world.points[task.entity]
     if state.position[row, model.body].any() or state.velocity[row, model.body].any():
         raise SafeInspectError(
@@ -130,46 +114,28 @@ def coverage_problem(
         raise SafeInspectError(
             "the open-loop optimiser only supports Clohessy-Wiltshire dynamics; remove the RelativeOrbit"
         )
-    maps = step_maps(world.mean_motion, world.step_size, steps)
-    turns = np.full(steps + 1, world.sun_rate * world.step_size)
-    turns[0] = state.sun_angle[row]
-    angle = np.add.accumulate(turns)  # summed exactly as the simulator does
-    lit = lit_from_all_sides(model, predicted_sun(state, row, angle, world)[1])
-    needed = np.flatnonzero(state.points[task.entity].inspector[row] < 0)
-    normals = model.points[needed] / model.radius
-    begin = np.concatenate((state.position[row, 0], state.velocity[row, 0]))
-    coast = (maps.phi[:, :3, :] * begin).sum(axis=-1)
-    response = impulse_responses(maps, steps, hold)
-    response[:, :, _thrust_reach(environment) <= 0.0] = 0.0
-    problem = CoverageProblem(
-        impulse_response=response,
-        hold=hold,
-        coast=coast,
-        control_authority=control_authorities(response),
-        normals=normals,
-        slopes=np.stack((np.sqrt(normals[:, 0] ** 2 + normals[:, 1] ** 2), np.abs(normals[:, 2])), axis=1),
-        lit=np.ascontiguousarray(lit[:, needed]),
-        radius=model.radius,
+    planner = NaturalMotionInspector(
+        inspection_entity_name=task.entity,
+        horizon=task.horizon,
         near=max(task.near, sight_range(model.radius, task.field_of_view)),
-        far=task.far,
+        far=min(task.far, 1e9),
+        speed=None,
+        field_of_view=task.field_of_view,
     )
-    return problem, needed
+    strength = np.maximum(np.minimum(group.limits.high, -group.limits.low), 0.0)
+    reach = strength * (world.step_size / world.masses[0])
+    problem = planner.burn_problem(View(state, world, group.group), row, 0, reach)
+    return problem._replace(haste=0.0), np.concatenate((state.position[row, 0], state.velocity[row, 0]))
 
 
-#: Extent of the search, by the name of the effort.
-EFFORTS = MappingProxyType(
-    {
-        "quick": SearchEffort(starts=30, chains=3, programs=200, temperature=0.004),
-        "normal": SearchEffort(starts=100, chains=4, programs=300, temperature=0.004),
-        "thorough": SearchEffort(starts=1000, chains=12, programs=1500, temperature=0.01),
-    }
-)
-#: Largest number of steps of a burn.
-_LONGEST = 256
+#: Number of plans that are refined for an episode, by the name of the effort.
+EFFORTS = MappingProxyType({"quick": 5, "normal": 10, "thorough": 50})
+#: Extent of the annealing that gives one of these plans, and the plan's number of burns.
+_ANNEALING, _BURNS = AnnealingEffort(restarts=3, iterations=1000, stride=8), 3
 _WORD, _MIX = 0xFFFFFFFFFFFFFFFF, 0x9E6C63D0876A9A99  # makes these samples independent of others with the episode's key
 
 
-def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, effort: SearchEffort) -> list[Entry]:
+def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, plans: int) -> list[Entry]:
     """Find a plan for the first episode of each of some slots, and fly it.
 
     The plan of an episode is a pure function of the task, the seed, the slot and the effort. The trajectory of the
@@ -181,7 +147,7 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, e
         episodes: Number of slots.
         seed: Seed of the run.
         first_slot: The first slot.
-        effort: Extent of the search.
+        plans: Number of plans that are refined for each episode, in addition to the inspector's.
 
     Raises:
         SafeInspectError: The optimiser does not support the task.
@@ -194,80 +160,81 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, e
         far=min(0.975 * task.far, 1e6),
         field_of_view=task.field_of_view,
     )
-    guide, ways = fly_slots(spec, inspector, episodes, seed, first_slot)
+    guide, trajectories = fly_slots(spec, inspector, episodes, seed, first_slot)
     environment = TeamEnvironment(spec, episodes, seed=seed, first_slot=first_slot)
     environment.reset()
-    found = [
-        _search(environment, row, task, way if known.success else None, effort)
-        for row, (known, way) in enumerate(zip(guide, ways, strict=True))
-    ]
+    flown_thrust = [trajectory.control[:, 0] for trajectory in trajectories]
+    found = [_search(environment, row, task, thrust, plans) for row, thrust in enumerate(flown_thrust)]
 
-    def confirmed(plans: list[FlightPlan]) -> list[Entry]:
-        """Fly the plans in the simulator."""
+    def confirmed(thrusts: list[FloatArray]) -> list[Entry]:
+        """Fly the plans with these thrusts of every step in the simulator."""
+        plans = [flight_plan(thrust) for thrust in thrusts]
         policy = OpenLoopPlan.of((known.key, plan) for known, plan in zip(guide, plans, strict=True))
-        return fly_slots(spec, policy, episodes, seed, first_slot)[0]
+        flown = fly_slots(spec, policy, episodes, seed, first_slot)[0]
+        return [replace(entry, plan=plan) for entry, plan in zip(flown, plans, strict=True)]
 
-    plans = [plan for plan, _ in found]
-    flown = confirmed(plans)
-    instead = [
-        known.success and not (own.success and own.delta_v <= known.delta_v)
-        for known, own in zip(guide, flown, strict=True)
+    thrusts = [np.zeros((0, 3)) if thrust is None else thrust for thrust, _ in found]
+    flown = confirmed(thrusts)
+    own = [
+        not known.success or (entry.success and entry.delta_v <= known.delta_v)
+        for known, entry in zip(guide, flown, strict=True)
     ]
-    if any(instead):
-        plans = [_flown_plan(ways[row].control[:, 0]) if instead[row] else plan for row, plan in enumerate(plans)]
-        flown = confirmed(plans)
+    if not all(own):
+        flown = confirmed([thrusts[row] if own[row] else thrust for row, thrust in enumerate(flown_thrust)])
     return [
         replace(
             entry,
-            plan=plans[row],
-            planned=found[row][1] if np.isfinite(found[row][1]) else None,
+            planned=found[row][1],
             inspector=guide[row].delta_v if guide[row].success else None,
-            own=not instead[row],
+            own=own[row],
         )
         for row, entry in enumerate(flown)
     ]
 
 
 def _search(
-    environment: TeamEnvironment, row: int, task: _CoverageTask, guide: Trajectory | None, effort: SearchEffort
-) -> tuple[FlightPlan, float]:
-    """Return the plan of one episode and its cost [m/s], which is infinite when no plan is found.
+    environment: TeamEnvironment, row: int, task: _CoverageTask, guide: FloatArray, plans: int
+) -> tuple[FloatArray | None, float | None]:
+    """Return the thrust of the best plan of one episode in each step [N], and its cost [m/s]; None if none is found.
 
     Args:
         environment: The episodes after their reset.
         row: Row of the episode.
         task: Requirements that the plan must meet.
-        guide: A trajectory that meets them, from which the search starts too, if there is one.
-        effort: Extent of the search.
+        guide: Thrust of the inspector in each step [N], shape (T, 3).
+        plans: Number of plans that are refined, in addition to the inspector's.
+
+    Raises:
+        SafeInspectError: The chief is not at rest at the origin of Hill's frame.
     """
-    world, reach = environment.simulation.world, _thrust_reach(environment)
-    key, hold = int(environment.state.key[row]), 1
-    start, burns = np.zeros(MAX_BURNS, np.int64), np.zeros((MAX_BURNS, 3))
-    while True:
-        problem, needed = coverage_problem(environment, row, task, hold)
-        given = np.zeros((0, len(needed)), np.int64) if guide is None else sighting_steps(guide)[None, needed]
-        random = np.array([(key ^ _MIX) & _WORD], np.uint64)
-        delta_v, count = search_plan(problem, np.ascontiguousarray(given), random, effort, start, burns)
-        if not np.isfinite(delta_v):
-            return (), delta_v
-        if _within(start[:count], burns[:count], hold, reach) or hold >= _LONGEST:
+    problem, state = coverage_problem(environment, row, task)
+    world = environment.simulation.world
+    per_newton = world.step_size / world.masses[0]  # velocity change of a step [m/s] by thrust [N]
+    seed = np.array([(int(environment.state.key[row]) ^ _MIX) & _WORD], np.uint64)
+    best, cost = None, np.inf
+    for number in range(plans + 1):
+        delta_v = np.zeros((task.horizon, 3))
+        if number == 0:
+            delta_v[: len(guide)] = guide * per_newton
+        else:
+            start, burns = np.zeros(_BURNS, np.int64), np.zeros((_BURNS, 3))
+            revise_plan(problem, state, start, burns, seed, _ANNEALING)
+            for first, burn in zip(start, burns, strict=True):
+                steps = burn_steps(burn, problem.reach)
+                delta_v[first : first + steps] = burn / max(steps, 1)
+        refined = refine_plan(problem, state, delta_v)
+        if refined is not None and np.abs(refined).sum() < cost:
+            best, cost = refined / per_newton, float(np.abs(refined).sum())
+        if cost == 0.0:
             break
-        hold *= 2  # longer burns need less thrust
-    force = world.masses[0] / (hold * world.step_size)
-    rows = zip(start[:count].tolist(), (burns[:count] * force).tolist(), strict=True)
-    return tuple(Burn(step=step, steps=hold, thrust=tuple(thrust)) for step, thrust in rows), delta_v
+    return best, None if best is None else cost
 
 
-def _within(start: IntArray, burns: FloatArray, hold: int, reach: FloatArray) -> bool:
-    """Return whether the burns, which may overlap, are within the velocity change that a step can give."""
-    steps = np.zeros((int(start.max(initial=0)) + hold, 3))
-    for step, burn in zip(start, burns, strict=True):
-        steps[step : step + hold] += burn / hold
-    return bool((np.abs(steps) <= reach * (1.0 + 1e-12)).all())
-
-
-def _flown_plan(thrust: FloatArray) -> FlightPlan:
-    """Return a plan with the thrust of every step, shape (T, 3)."""
+def flight_plan(thrust: FloatArray) -> FlightPlan:
+    """Return a plan with the thrust of every step [N], shape (T, 3); steps with the same thrust are one burn."""
+    changes = np.flatnonzero(np.diff(thrust, axis=0, prepend=0.0, append=0.0).any(axis=1)).tolist()
     return tuple(
-        Burn(step=int(step), thrust=tuple(thrust[step].tolist())) for step in np.flatnonzero(thrust.any(axis=1))
+        Burn(step=begin, steps=end - begin, thrust=tuple(thrust[begin].tolist()))
+        for begin, end in pairwise(changes)
+        if thrust[begin].any()
     )

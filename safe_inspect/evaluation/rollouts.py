@@ -17,7 +17,7 @@ from safe_inspect.environments.episodes import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Trajectory, join, starting
+from safe_inspect.evaluation.episodes import FIGURES, AgentEpisodes, Episodes, Trajectory, join, starting
 from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.evaluation.measuring import MetricAccumulator, check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
@@ -82,7 +82,6 @@ def rollout(
             parts.append(known)
             continue
         environment = TeamEnvironment(spec, count, seed=seed, first_slot=first)
-        _check_labels(environment, metrics)
         recorded = min(max(record - first, 0), environment.num_envs)
 
         def finished(count: int, before: int = first) -> None:
@@ -145,15 +144,6 @@ def _fly_batch(
     return collector, recorder.trajectories(collector.length, collector.status)
 
 
-def _check_labels(environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
-    """Raise an error if a metric of another package has the label of a figure that a component of the task reports."""
-    components = environment.simulation.components.values()
-    known = {label for component in components for label, _ in component.figures.values()}
-    for metric in metrics:
-        if metric.label in known and not type(metric).__module__.startswith("safe_inspect."):
-            raise SafeInspectError(f"the task already has a figure {metric.label!r}; give the metric another label")
-
-
 def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
     """Return the episode that `rollout` with this seed runs in the environment slot `episode`.
 
@@ -212,12 +202,6 @@ def _count_burns(trajectory: Trajectory) -> float:
     return float(begins.sum() / control.shape[1])
 
 
-def sighting_steps(trajectory: Trajectory) -> IntArray:
-    """Return the step after which each point was inspected, -1 for never, shape (P,)."""
-    steps = np.searchsorted(trajectory.time, trajectory.inspected_at)
-    return np.where(np.isfinite(trajectory.inspected_at), steps, -1)
-
-
 class EpisodeCollector:
     """Collector of the figures of one episode in every row of a batch.
 
@@ -229,6 +213,9 @@ class EpisodeCollector:
         running: Mask of the rows whose episode is running, shape (N,).
         length: Number of steps of each episode, shape (N,).
         status: How each episode has ended, `DoneStatus`, int8, shape (N,).
+
+    Raises:
+        SafeInspectError: A metric has the label of a standard figure, or of one that a component of the task reports.
     """
 
     def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric] = ()) -> None:
@@ -241,6 +228,10 @@ class EpisodeCollector:
         self.status: AnyArray = np.zeros(rows, dtype=np.int8)
         components = environment.simulation.components.values()
         self._labels = {name: label for component in components for name, label in component.figures.items()}
+        figures = {*FIGURES, *(label for label, _ in self._labels.values())}
+        for metric in metrics:
+            if metric.label in figures:
+                raise SafeInspectError(f"the label {metric.label!r} is that of a standard figure; choose another label")
         state = environment.state
         self._initial_states: dict[str, FloatArray] = {
             "position": state.position[:, :deputies].copy(),

@@ -15,7 +15,6 @@ from safe_inspect.config.messages.report import functor_mistakes
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
-from safe_inspect.evaluation.episodes import FIGURES
 from safe_inspect.metrics import BaseMetric, SmallestPhi
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.functor import build, describe
@@ -72,8 +71,6 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     """
     filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
     usual: list[BaseMetric] = [metrics.Interventions()]
-    if any(safety is not None and safety.enabled and safety.invalid_actions == "backup" for safety in filters):
-        usual.append(metrics.InvalidActions())
     if any(action_layout(agent).coast is not None for agent in spec.agents):
         usual.append(metrics.Decisions())
     bodies = [name for name in (*_points_of(spec), *spec.reset.entities) if name in spec.reset.entities]
@@ -124,10 +121,6 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
         except PydanticCustomError as error:
             raise SafeInspectError(f"--metric {text}: {functor_mistakes(error)}") from None
         assert isinstance(plugin, BaseMetric), "the registry returns a plugin of the requested kind"
-        if plugin.label in FIGURES and not type(plugin).__module__.startswith("safe_inspect."):
-            raise SafeInspectError(
-                f"--metric {text}: the label {plugin.label!r} is that of a standard figure; choose another label"
-            )
         made.append(plugin)
     return made
 

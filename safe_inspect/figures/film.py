@@ -308,10 +308,9 @@ class Film(Pictures):
         )
         for text, words in zip(self._counters, counters, strict=True):
             text.set_text(words)
+        first = (episode.range, far)
         if self._inspects:
-            self._panels[0][0].set_data(time, 100.0 * np.append(episode.coverage[: now.row + 1], count / len(now.seen)))
-        else:
-            for index, line in enumerate(self._panels[0]):
-                line.set_data(time, np.append(episode.range[: now.row + 1, index], far[index]))
-        for index, line in enumerate(self._panels[1]):
-            line.set_data(time, np.append(episode.delta_v[: now.row + 1, index], now.delta_v[index]))
+            first = (100.0 * episode.coverage[:, None], np.array([100.0 * count / len(now.seen)]))
+        for lines, (values, latest) in zip(self._panels, (first, (episode.delta_v, now.delta_v)), strict=True):
+            for index, line in enumerate(lines):
+                line.set_data(time, np.append(values[: now.row + 1, index], latest[index]))

@@ -1,4 +1,4 @@
-"""Figures of trainings over the environment steps: of one, and of recipes with confidence bands over their seeds."""
+"""Figures of trainings over the environment steps, with confidence bands over the seeds of a recipe."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.figures.drawing import Figure, deputy_line, new_figure
-from safe_inspect.geometry.picture import BLUE, GREY, ORANGE
+from safe_inspect.geometry.picture import GREY
 from safe_inspect.metrics.statistics import interquartile_mean
 from safe_inspect.types import FloatArray, IntArray
 
@@ -75,39 +75,6 @@ def _number(path: str | os.PathLike[str], line: int, name: str, cell: str | None
     except ValueError:
         message = f"{os.fspath(path)}:{line}: the file is damaged: `{name}` is {cell!r:.40}, not a number"
         raise SafeInspectError(message) from None
-
-
-def learning_curve_figure(progress: str | os.PathLike[str]) -> Figure:
-    """Draw a training from its ``progress.csv``; evaluations are drawn as points if the file has any.
-
-    Raises:
-        SafeInspectError: The file cannot be read, or Matplotlib is not installed.
-    """
-    columns = _read_learning_curve(progress)
-    with new_figure(8.0, 4.8, layout="constrained") as figure:
-        panels, scale = _panels_of(figure, columns[_STEPS])
-        steps = columns[_STEPS] / scale
-        for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
-            lines = [_draw_training(axes, steps, columns[name] * factor, "training", color=BLUE)]
-            evaluated = columns.get(f"evaluation_{name}")
-            if evaluated is not None:
-                look = {"color": ORANGE, "marker": "o", "linestyle": ""}
-                lines.append(_draw_training(axes, steps, evaluated * factor, "evaluation", **look))
-            _label_panel(axes, label, factor, any(lines), _has_ended(columns))
-        if len(panels[0, 0].get_lines()) > 1:
-            panels[0, 0].legend(loc="best")
-    return figure
-
-
-def _draw_training(axes: Any, steps: FloatArray, values: FloatArray, label: str, **kwargs: Any) -> bool:
-    """Draw the known values of a curve and return whether there are any; a single value is drawn as a dot."""
-    known = np.isfinite(values) & np.isfinite(steps)
-    if not known.any():
-        return False
-    if known.sum() == 1:
-        kwargs.setdefault("marker", "o")
-    axes.plot(steps[known], values[known], label=label, markersize=4, **kwargs)
-    return True
 
 
 def _has_ended(columns: Mapping[str, FloatArray]) -> bool:
@@ -202,7 +169,7 @@ def curves_figure(
 
     A line is the mean or the interquartile mean over the seeds of a recipe, and the band around it is the 95 %
     bootstrap interval. The line is dotted where some seeds of a recipe have no value: at its start, or after the end of
-    a shorter training.
+    a shorter training. Dots are evaluations during a training.
 
     Args:
         recipes: For each recipe, by its label, the ``progress.csv`` of each of its seeds.
@@ -241,6 +208,9 @@ def _draw_recipe(
     found = _band(curves, centre)
     if not len(found.steps):
         return False
+    for run in runs:
+        if f"evaluation_{name}" in run:
+            axes.plot(run[_STEPS] / scale, run[f"evaluation_{name}"] * factor, "o", markersize=4, color=line["color"])
     whole = found.curves == len(runs)
     axes.fill_between(found.steps, found.low, found.high, color=line["color"], alpha=0.18, linewidth=0.0)
     if len(found.steps) == 1:

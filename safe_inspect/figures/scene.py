@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.figures.drawing import SEQUENTIAL, Figure, clock, deputy_line, radius_of, reach_of, time_norm
-from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VERMILION, VIEW, pieces, ring, sun_arrow
+from safe_inspect.figures.drawing import Figure, deputy_line, radius_of, reach_of
+from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VIEW, pieces, ring, sun_arrow
 from safe_inspect.types import FloatArray
 
 _AXES = ("x radial [m]", "y along track [m]", "z cross track [m]")  # for a chief in orbit
@@ -29,9 +29,9 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
     axes.set_proj_type("ortho")
     reach = reach_of(episode)
     radius, rings = radius_of(episode), ring_radii(reach)
-    _draw_rings(axes, rings, radius, _label_azimuth(episode))
+    _draw_rings(axes, rings, radius)
     if radius:
-        _draw_chief(axes, episode)
+        _draw_chief(axes, radius)
     for index, name in enumerate(episode.deputies):
         line, way = deputy_line(index), _shown(episode.position[:, index], reach)
         _draw_line(axes, way, radius, linewidth=1.4, label=f"deputy {name}", **line)
@@ -67,20 +67,8 @@ def _shown(way: FloatArray, reach: float) -> FloatArray:
     return way[: inside[-1] + 1] if len(inside) else way[:1]
 
 
-def _label_azimuth(episode: Trajectory) -> float:
-    """Return the azimuth [rad] at which the labels of the rings are far from the sun's arrows."""
-    offsets = np.array([-84.0, 84.0, -112.0, 112.0, -60.0, 60.0])
-    azimuths = np.radians(VIEW["azim"] + offsets)
-    places = FRONT.flat(np.stack((np.cos(azimuths), np.sin(azimuths), np.zeros_like(azimuths)), axis=-1))
-    sun = episode.sun_direction
-    if sun is None:
-        return float(azimuths[0])
-    arrows = np.concatenate([share * FRONT.flat(sun[[0, -1]]) for share in (0.65, 0.8, 1.0)])
-    apart = np.sqrt(np.square(places[:, None] - arrows).sum(axis=-1)).min(axis=1)
-    return float(azimuths[int(np.argmax(apart > 0.35))] if (apart > 0.35).any() else azimuths[int(np.argmax(apart))])
-
-
-def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) -> None:
+def _draw_rings(axes: Any, rings: list[float], radius: float) -> None:
+    azimuth = np.radians(VIEW["azim"] - 84.0)
     for index, reach in enumerate(rings):
         _draw_line(axes, ring(reach, 361), radius, color=PALE, linewidth=0.9)
         if len(rings) > 2 and index < len(rings) - 1:
@@ -92,23 +80,10 @@ def _draw_rings(axes: Any, rings: list[float], radius: float, azimuth: float) ->
         )  # fmt: skip
 
 
-def _draw_chief(axes: Any, episode: Trajectory) -> None:
-    """Draw the sphere and the points on its near side, in the colours of the large chief below."""
-    radius = radius_of(episode)
+def _draw_chief(axes: Any, radius: float) -> None:
     longitude, latitude = np.meshgrid(np.linspace(0.0, _TURN, 37), np.linspace(-np.pi / 2.0, np.pi / 2.0, 19))
     x, y = radius * np.cos(latitude) * np.cos(longitude), radius * np.cos(latitude) * np.sin(longitude)
     axes.plot_surface(x, y, radius * np.sin(latitude), color="#D8D8D8", linewidth=0, antialiased=False, zorder=2)
-    front, seen = episode.points @ FRONT.sight > 0.0, np.isfinite(episode.inspected_at)
-    dots: Any = {"depthshade": False, "linewidths": 0, "zorder": 2, "s": 5.0}
-    if len(episode.deputies) == 1:
-        shown = front & seen
-        norm, when = time_norm(episode), episode.inspected_at[shown] / clock(episode)[0]
-        axes.scatter(*episode.points[shown].T, c=when, cmap=SEQUENTIAL, norm=norm, **dots)
-        axes.scatter(*episode.points[front & ~seen].T, color=VERMILION, **dots)
-        return
-    owners = [(episode.inspector == index, deputy_line(index)["color"]) for index in range(len(episode.deputies))]
-    for which, colour in (*owners, (~seen, GREY)):
-        axes.scatter(*episode.points[which & front].T, color=colour, **dots)
 
 
 def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = None, **kwargs: Any) -> None:

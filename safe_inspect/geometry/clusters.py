@@ -20,22 +20,6 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 _AT_ORIGIN = 1e-9
 
 
-class Clusters(NamedTuple):
-    """Data of R rows that are stored between two calls; read and written.
-
-    Attributes:
-        centres: Centres [m], shape (R, K, 3); those beyond the number of centres are 0.
-        num_centres: Number of centres of each row, shape (R,). Set it to 0 to restart.
-        candidates: Candidates of the last call, shape (R, P).
-        settled: Whether the last call converged, shape (R,). Set it to False to restart.
-    """
-
-    centres: FloatArray
-    num_centres: IntArray
-    candidates: BoolArray
-    settled: BoolArray
-
-
 class RowDraws(NamedTuple):
     """Source of the rows' random draws: the key, uint64, and the number of the step of each row, shape (R,)."""
 
@@ -235,9 +219,7 @@ def cluster_row(
 
 @njit
 def cluster_candidates(
-    position: FloatArray,
-    body: int,
-    deputies: tuple[int, int],
+    size: int,
     sun: FloatArray,
     surface: Surface,
     inspector: NDArray[np.int8],
@@ -248,42 +230,36 @@ def cluster_candidates(
     draws: RowDraws,
     rule: KMeansRule,
 ) -> None:
-    """Cluster the points that are lit, as seen by each deputy of a group, and have no inspector; see `cluster_row`.
+    """Cluster the points that are lit and have no inspector, for each deputy of a group; see `cluster_row`.
 
     A row that had converged and whose candidates are those of its last call is not changed, since the iterations would
     give bit-identical centres.
 
     Args:
-        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
-        body: Index of the body that carries the points.
-        deputies: Index of the group's first deputy, and their number, G; R = N * G rows.
+        size: Number of deputies of the group, G; R = N * G rows.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
         inspector: Index of the inspector of each point, -1 for none, shape (N, P).
-        centres: See `Clusters`, with R rows; read and written.
-        num_centres: See `Clusters`; read and written.
-        previous: The candidates of the last call; read and written.
-        settled: See `Clusters`; read and written.
+        centres: Centres [m], those beyond the number of centres are 0, shape (R, K, 3); read and written.
+        num_centres: Number of centres of each row, shape (R,); read and written. Set it to 0 to restart.
+        previous: The candidates of the last call, shape (R, P); read and written.
+        settled: Whether the last call converged, shape (R,); read and written. Set it to False to restart.
         draws: Source of the random draws of each environment, N rows.
         rule: Sizes of the clusters, and the limit of the iterations.
 
     Raises:
         ValueError: There are too few places for centres.
     """
-    points, radius, light, (first, size) = surface.points, surface.radius, surface.light, deputies
-    key, step = draws.key, draws.step
+    points, key, step = surface.points, draws.key, draws.step
     total = points.shape[0]
     if centres.shape[1] < max_clusters(total, rule.points_per_cluster):
         raise ValueError("centres has fewer than ceil(P / points_per_cluster) places")
     chosen, own = np.empty(total + 1, dtype=np.int64), np.empty((3, total))
-    axes, viewer = point_axes(points), np.empty(3)
-    wanted = np.empty(total, dtype=np.bool_)
-    for n in range(position.shape[0]):
+    axes, wanted = point_axes(points), np.empty(total, dtype=np.bool_)
+    for n in range(sun.shape[0]):
         for g in range(size):
             row = n * size + g
-            for axis in range(3):
-                viewer[axis] = position[n, first + g, axis] - position[n, body, axis]
-            light_row(viewer, sun[n], axes, radius, light, wanted)
+            light_row(sun[n], axes, surface.terminator, wanted)
             different = not settled[row]
             for p in range(total):
                 wanted[p] = wanted[p] & (inspector[n, p] < 0)
@@ -294,41 +270,6 @@ def cluster_candidates(
                 )
                 for p in range(total):
                     previous[row, p] = wanted[p]
-
-
-def cluster_sklearn(
-    points: FloatArray, candidates: BoolArray, clusters: Clusters, draws: RowDraws, rule: KMeansRule
-) -> None:
-    """Cluster rows as `cluster_candidates` does with scikit-learn's K-means; it is the reference, and much slower.
-
-    Args:
-        points: Points on the chief [m], shape (P, 3).
-        candidates: Points to cluster, shape (R, P).
-        clusters: The clusters of each row; read and written.
-        draws: Source of each row's random draws.
-        rule: Sizes of the clusters, and the limit of the iterations.
-    """
-    import warnings
-
-    from sklearn.cluster import KMeans
-    from sklearn.exceptions import ConvergenceWarning
-
-    centres, count, previous, settled = clusters
-    start, work = rule._replace(max_iterations=0), (np.empty(len(points) + 1, np.int64), np.empty((3, len(points))))
-    for row in np.flatnonzero(~settled | (candidates != previous).any(axis=1)):
-        key, step = draws.key[row], draws.step[row]
-        k, _ = cluster_row(points, candidates[row], centres[row], count[row], key, step, start, *work)
-        count[row] = k
-        converged = True
-        if k:
-            means = KMeans(k, init=centres[row, :k].copy(), n_init=1, max_iter=rule.max_iterations, tol=0.0)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)  # raised for fewer distinct centres than clusters
-                means.fit(points[candidates[row]])
-            centres[row, :k] = means.cluster_centers_
-            converged = means.n_iter_ < rule.max_iterations and len(np.unique(means.labels_)) == k
-        settled[row] = converged
-        previous[row] = candidates[row]
 
 
 @njit

@@ -96,54 +96,6 @@ def nearest_velocities(
 
 
 @njit
-def nearest_presence(deputies: int, max_range: float, own: int, position: FloatArray, present: FloatArray) -> None:
-    """Write 1 for each place that is taken by one of the nearest other deputies, else 0, shape (k,)."""
-    last, squared = -1, -1.0
-    for place in range(len(present)):
-        if last >= 0 or place == 0:
-            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
-        present[place] = 1.0 if last >= 0 else 0.0
-
-
-@njit
-def scan_deputies(
-    deputies: int, max_range: float, directions: FloatArray, own: int, position: FloatArray, ranges: FloatArray
-) -> None:
-    """Write the range to the nearest other deputy in every bin of directions around the own deputy.
-
-    A deputy is in the bin whose direction is closest to the direction to it, the first one in a tie; a deputy at
-    exactly the same position is in every bin.
-
-    Args:
-        deputies: Number of deputies, D.
-        max_range: The range if there is no deputy, or none that is nearer [m].
-        directions: Unit vectors of the bins [-], shape (K, 3).
-        own: Index of the own deputy.
-        position: Positions of the bodies [m], shape (B, 3).
-        ranges: Output: the ranges [m], shape (K,).
-    """
-    ranges[:] = max_range
-    for other in range(deputies):
-        if other == own:
-            continue
-        squared = _squared_distance(position, own, other)
-        if not squared < max_range * max_range:
-            continue
-        if squared == 0.0:
-            ranges[:] = 0.0
-            continue
-        x = position[other, 0] - position[own, 0]
-        y = position[other, 1] - position[own, 1]
-        z = position[other, 2] - position[own, 2]
-        best, most = 0, -math.inf
-        for bin in range(len(ranges)):
-            along = directions[bin, 0] * x + directions[bin, 1] * y + directions[bin, 2] * z
-            if along > most:
-                best, most = bin, along
-        ranges[best] = min(ranges[best], math.sqrt(squared))
-
-
-@njit
 def pair_distances(position: FloatArray, deputies: int, distances: FloatArray) -> None:
     """Write the distance of every pair of deputies: 0-1, 0-2, ..., 1-2, ... [m].
 

@@ -12,24 +12,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safe_inspect.compiling import njit
-from safe_inspect.geometry.light import Light
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 _Vector = tuple[float, float, float]
 
 
 class Surface(NamedTuple):
-    """Points on a sphere, and the rule of light.
+    """Points on a sphere, and where on it sunlight ends.
 
     Attributes:
         points: Points [m], shape (P, 3).
         radius: Radius of the sphere [m].
-        light: Rule by which a point is lit.
+        terminator: Height towards the sun above which a point q is lit, ``q . s > terminator`` for the direction s to
+            the sun [m]; see `terminator_height`.
     """
 
     points: FloatArray
     radius: float
-    light: Light
+    terminator: float
+
+
+def terminator_height(radius: float, ray_offset: float = 0.0) -> float:
+    """Return the height towards the sun above which the ray from a point to the sun does not meet the sphere [m].
+
+    For parallel rays from the surface itself it is 0. A ray that starts `ray_offset` above the surface misses the
+    sphere slightly beyond the terminator: the height is ``-R sqrt(1 - (R/(R + ray_offset))^2)``.
+
+    Args:
+        radius: Radius R of the sphere [m].
+        ray_offset: Height of the start of the ray above the surface [m].
+    """
+    if ray_offset == 0.0:
+        return 0.0
+    # 1 - (R/(R + e))^2 = e (2 R + e)/(R + e)^2, which avoids the difference of nearly equal numbers
+    return radius * (-math.sqrt(ray_offset * (2.0 * radius + ray_offset)) / (radius + ray_offset))
 
 
 class Credit(NamedTuple):
@@ -87,80 +103,35 @@ def _in_field(vx: float, vy: float, vz: float, qx: float, qy: float, qz: float, 
 
 
 @njit
-def _well_lit(
-    nx: float,
-    ny: float,
-    nz: float,
-    cosine: float,
-    viewer: FloatArray,
-    sun: FloatArray,
-    radius: float,
-    light: Light,
-) -> bool:
-    """Return whether the colour of the point with outward normal n, at `cosine` from the sun, is in the valid range."""
-    # Clipping the colour to [0, 1] would not change either comparison, so it is omitted.
-    if not cosine > light.threshold:
-        return light.ambient[0] >= light.dark and not (
-            light.ambient[0] > light.bright and light.ambient[1] > light.bright and light.ambient[2] > light.bright
-        )
-    diffuse = max(0.0, cosine)
-    vx, vy, vz = viewer[0] - radius * nx, viewer[1] - radius * ny, viewer[2] - radius * nz
-    distance = math.sqrt(vx * vx + vy * vy + vz * vz)
-    highlight = 0.0
-    if distance > 0.0:
-        hx, hy, hz = sun[0] + vx / distance, sun[1] + vy / distance, sun[2] + vz / distance
-        length = math.sqrt(hx * hx + hy * hy + hz * hz)
-        along = nx * hx + ny * hy + nz * hz
-        if length > 0.0 and along > 0.0:
-            highlight = (along / length) ** light.exponent
-    red = light.ambient[0] + light.diffuse[0] * diffuse + light.specular[0] * highlight
-    green = light.ambient[1] + light.diffuse[1] * diffuse + light.specular[1] * highlight
-    blue = light.ambient[2] + light.diffuse[2] * diffuse + light.specular[2] * highlight
-    return red >= light.dark and not (red > light.bright and green > light.bright and blue > light.bright)
-
-
-@njit
-def lit(viewer: FloatArray, sun: FloatArray, points: FloatArray, radius: float, light: Light) -> BoolArray:
-    """Return which points are lit well enough for each viewer, whether in its view or not; see `Light` for the rule.
+def lit(sun: FloatArray, points: FloatArray, terminator: float) -> BoolArray:
+    """Return which points are lit, whether a deputy sees them or not.
 
     Args:
-        viewer: Positions relative to the chief's centre [m], shape (R, 3); not used with a binary light.
         sun: Unit vectors to the sun [-], shape (R, 3).
         points: Points on the sphere [m], in the same frame, shape (P, 3).
-        radius: Radius of the sphere [m].
-        light: The rule.
+        terminator: See `Surface`.
 
     Returns:
         Whether a point is lit, shape (R, P).
     """
-    rows, count = sun.shape[0], points.shape[0]
-    bright = np.empty((rows, count), dtype=np.bool_)
+    bright = np.empty((sun.shape[0], points.shape[0]), dtype=np.bool_)
     axes = point_axes(points)
-    for row in range(rows):
-        light_row(viewer[row], sun[row], axes, radius, light, bright[row])
+    for row in range(sun.shape[0]):
+        light_row(sun[row], axes, terminator, bright[row])
     return bright
 
 
 @njit
-def light_row(
-    viewer: FloatArray, sun: FloatArray, axes: FloatArray, radius: float, light: Light, bright: BoolArray
-) -> None:
-    """Write the result of `lit` for one viewer, shape (3,), and one sun, shape (3,); points as from `point_axes`."""
+def light_row(sun: FloatArray, axes: FloatArray, terminator: float, bright: BoolArray) -> None:
+    """Write the result of `lit` for one sun, shape (3,); points as from `point_axes`."""
     qx, qy, qz = axes[0], axes[1], axes[2]
-    limit = radius * light.threshold
     sx, sy, sz = sun[0], sun[1], sun[2]
-    if light.binary:
-        for p in range(len(bright)):
-            bright[p] = qx[p] * sx + qy[p] * sy + qz[p] * sz > limit
-    else:
-        for p in range(len(bright)):
-            nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
-            cosine = nx * sx + ny * sy + nz * sz
-            bright[p] = _well_lit(nx, ny, nz, cosine, viewer, sun, radius, light)
+    for p in range(len(bright)):
+        bright[p] = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
 
 
 @njit
-def inspect_in_binary_light(
+def inspect_in_view(
     viewer: _Vector, sun: _Vector, axes: FloatArray, horizon: float, terminator: float, owner: int,
     inspector: NDArray[np.int8],
 ) -> None:  # fmt: skip
@@ -171,7 +142,7 @@ def inspect_in_binary_light(
         sun: Unit vector to the sun [-].
         axes: The points q [m], as given by `point_axes`.
         horizon: Radius squared: a point is seen when q . viewer is at least this [m^2].
-        terminator: Radius times the light threshold: a point is lit when q . sun is greater than this [m].
+        terminator: A point is lit when q . sun is greater than this [m]; see `Surface`.
         owner: Index of the inspector.
         inspector: Index of the inspector of each point, -1 for none, shape (P,); written.
     """
@@ -247,10 +218,8 @@ def inspect_body(
         credit: Inspected points and their inspectors; read and written.
         scores: Weights of the inspected points; read and written.
     """
-    points, radius, light = surface.points, surface.radius, surface.light
-    inspector = credit.inspector
-    horizon = radius * radius
-    terminator = radius * light.threshold
+    points, radius, terminator = surface.points, surface.radius, surface.terminator
+    inspector, horizon = credit.inspector, radius * radius
     axes, viewer = point_axes(points), np.empty(3)
     qx, qy, qz = axes[0], axes[1], axes[2]
     for row in range(position.shape[0]):
@@ -265,23 +234,29 @@ def inspect_body(
             range_squared = vx * vx + vy * vy + vz * vz
             if range_squared < horizon:
                 continue
-            whole = _sees_whole_cap(range_squared, radius, cos_half_fov)
-            if whole and light.binary:
-                inspect_in_binary_light((vx, vy, vz), (sx, sy, sz), axes, horizon, terminator, d, inspector[row])
+            if _sees_whole_cap(range_squared, radius, cos_half_fov):
+                inspect_in_view((vx, vy, vz), (sx, sy, sz), axes, horizon, terminator, d, inspector[row])
                 continue
             for p in range(points.shape[0]):
                 if inspector[row, p] >= 0 or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
                     continue
-                if not (whole or _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov)):
+                if not _in_field(vx, vy, vz, qx[p], qy[p], qz[p], cos_half_fov):
                     continue
-                if light.binary:
-                    shines = qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator
-                else:
-                    nx, ny, nz = qx[p] / radius, qy[p] / radius, qz[p] / radius
-                    cosine = nx * sx + ny * sy + nz * sz
-                    shines = _well_lit(nx, ny, nz, cosine, viewer, sun[row], radius, light)
-                if shines:
+                if qx[p] * sx + qy[p] * sy + qz[p] * sz > terminator:
                     inspector[row, p] = d
         count_inspected(row, credit)
         if credit.team_count[row] != before:
             sum_scores(row, credit, scores)
+
+
+def sight_range(radius: float, field_of_view: float) -> float:
+    """Return the range beyond which a camera that points at the centre has a whole sphere in view [m].
+
+    It is ``radius / sin(field_of_view / 2)``; from there on every point above the horizon is in view.
+
+    Args:
+        radius: Radius of the sphere [m].
+        field_of_view: Full angle of the camera's cone [rad].
+    """
+    half = field_of_view / 2.0
+    return radius if half >= math.pi / 2.0 else radius / math.sin(half)

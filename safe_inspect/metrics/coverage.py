@@ -14,40 +14,6 @@ from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray
 
 
-class InspectedPoints(TeamMetric):
-    """Number of points that the team has inspected at the end of the episode; shape (N,).
-
-    Attributes:
-        inspection_entity_name: Name of the body with the points.
-    """
-
-    unit: ClassVar[str] = "points"
-    reduce: ClassVar[Reduce] = "last"
-
-    inspection_entity_name: PointsName = "chief"
-
-    def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the number of inspected points, shape (N,)."""
-        return np.asarray(step.after.state.points[self.inspection_entity_name].team_count, dtype=np.float64)
-
-
-class InspectedFraction(TeamMetric):
-    """Fraction of the points that the team has inspected at the end of the episode [-]; shape (N,).
-
-    Attributes:
-        inspection_entity_name: Name of the body with the points.
-    """
-
-    reduce: ClassVar[Reduce] = "last"
-
-    inspection_entity_name: PointsName = "chief"
-
-    def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the fraction of the points [-], shape (N,)."""
-        name = self.inspection_entity_name
-        return np.asarray(step.after.state.points[name].team_count / step.after.world.points[name].num_points)
-
-
 class TimeToCoverage(TeamMetric):
     """Time at which the team has inspected a fraction of the points, NaN if it does not; shape (N,).
 
@@ -75,23 +41,6 @@ class TimeToCoverage(TeamMetric):
         begun = (step.before.step == 0) & (step.before.state.points[name].team_count >= wanted)
         now = np.where(reached, step.after.state.time, np.nan)
         return np.where(begun, step.before.state.time, now)
-
-
-class OwnInspectedPoints(Metric):
-    """Number of points that the agent's deputy was the first to inspect; shape (R,).
-
-    Attributes:
-        inspection_entity_name: Name of the body with the points.
-    """
-
-    unit: ClassVar[str] = "points"
-    reduce: ClassVar[Reduce] = "last"
-
-    inspection_entity_name: PointsName = "chief"
-
-    def __call__(self, step: Step) -> FloatArray:
-        """Return the number of points, shape (R,)."""
-        return np.asarray(step.after.points(self.inspection_entity_name).count_of(), dtype=np.float64)
 
 
 class DeltaVToCoverage(Metric):

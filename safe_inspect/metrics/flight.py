@@ -8,39 +8,15 @@ import numpy as np
 from pydantic import Field
 
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.metrics.base import Metric, Reduce, TeamMetric, over_both
+from safe_inspect.metrics.base import Metric, Reduce, over_both
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.ranges import ChiefCollision
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import DECISION, REMAINING, Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce
-
-
-class DeltaV(Metric):
-    """Velocity change: the sum of abs(u_i) dt / m over axes and steps; shape (R,)."""
-
-    unit: ClassVar[str] = "m/s"
-    reduce: ClassVar[Reduce] = "last"
-
-    def __call__(self, step: Step) -> FloatArray:
-        """Return the velocity change since the reset [m/s], shape (R,)."""
-        return np.array(step.after.delta_v)
-
-
-class EpisodeLength(Metric):
-    """Number of steps until the agent's episode ends; shape (R,)."""
-
-    unit: ClassVar[str] = "steps"
-    reduce: ClassVar[Reduce] = "sum"
-    over_agents: ClassVar = "max"
-
-    def __call__(self, step: Step) -> FloatArray:
-        """Return 1, shape (R,)."""
-        return np.ones(step.after.num_rows)
 
 
 class Decisions(Metric):
@@ -140,17 +116,6 @@ class Interventions(Metric):
         return np.where(step.intervening, 1.0, 0.0)
 
 
-class InvalidActions(Metric):
-    """Number of steps with a NaN or infinite action, which the safety filter replaced by the backup's; shape (R,)."""
-
-    unit: ClassVar[str] = "steps"
-    reduce: ClassVar[Reduce] = "sum"
-
-    def __call__(self, step: Step) -> FloatArray:
-        """Return 1 in the rows with an invalid action, otherwise 0, shape (R,)."""
-        return np.zeros(step.after.num_rows) if step.invalid is None else np.where(step.invalid, 1.0, 0.0)
-
-
 class InterventionShare(Metric):
     """Fraction of the steps in which a safety filter changed the agent's thrust [-]; shape (R,)."""
 
@@ -202,23 +167,6 @@ class SmallestPhi(Metric):
             velocity = view.velocity - view.others_velocity[:, other]
             least = np.fmin(least, constraint.phi(RelativeState(position, velocity, view.sun_angle)))
         return least
-
-
-class ClosestDeputies(TeamMetric):
-    """Smallest distance between two deputies, at the initial state and after the steps, NaN with one; shape (N,)."""
-
-    unit: ClassVar[str] = "m"
-    reduce: ClassVar[Reduce] = "min"
-
-    def __call__(self, step: TeamStep) -> FloatArray:
-        """Return the smallest distance between two deputies [m], shape (N,)."""
-        return over_both(step, _closest, np.minimum)
-
-
-def _closest(team: TeamView) -> FloatArray:
-    if team.world.num_deputies < 2:
-        return np.full(team.num_envs, np.nan)
-    return np.asarray(team.distance.min(axis=1))
 
 
 class ReadingError(Metric):

@@ -1,5 +1,5 @@
-"""Planning of inspection trajectories on arrays, compiled and independent of environments and policies.
+"""Planning of inspection trajectories on arrays, independent of environments and policies.
 
-`coverage_search` finds the plan of least fuel given perfect knowledge of an episode; `burn_search` plans for a deputy
-among others and plans again when necessary. The motion follows `safe_inspect.dynamics.step_maps`.
+`burn_search` plans for a deputy, also among others, and plans again when necessary; `plan_refinement` reduces the fuel
+of a plan by linear programmes. The motion follows `safe_inspect.dynamics.step_maps`.
 """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -11,8 +10,7 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coast, extreme_time, grid
-from safe_inspect.geometry.neighbours import nearest_positions, nearest_presence, nearest_velocities, scan_deputies
-from safe_inspect.geometry.sphere import sphere_points
+from safe_inspect.geometry.neighbours import nearest_positions, nearest_velocities
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import Group, World
@@ -74,8 +72,7 @@ class NearestDeputiesPositionSensor(_Places, Sensor, name="Sensor_NearestDeputie
 
     A place without a deputy within `max_range` reads as if a deputy were `max_range` away, straight outward from the
     origin through the agent's own position (along +x at the origin itself). Such a reading says that no deputy is near
-    or on the chief's side, and it turns with the scene. `Sensor_NearestDeputiesPresence` identifies these places
-    unambiguously.
+    or on the chief's side, and it turns with the scene.
     """
 
     symbol: ClassVar[str] = "m"
@@ -142,62 +139,6 @@ class NearestDeputiesVelocitySensor(_Places, Sensor, name="Sensor_NearestDeputie
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the relative velocities [m/s], Hill frame."""
         return RowTerm(nearest_velocities, (*self.inputs(world, group), EnvironmentArray("velocity")))
-
-
-class NearestDeputiesPresenceSensor(_Places, Sensor, name="Sensor_NearestDeputiesPresence"):
-    """1 for each place of `Sensor_NearestDeputiesPosition` with a deputy, else 0 [-], shape (R, k)."""
-
-    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
-
-    @property
-    def element_names(self) -> tuple[str, ...]:
-        """One name for each place, present_0 for the nearest deputy."""
-        return tuple(f"present_{place}" for place in range(self.k))
-
-    def row(self, world: World, group: Group) -> RowTerm:
-        """Return the kernel that writes 1 for each place with a deputy, else 0."""
-        return RowTerm(nearest_presence, self.inputs(world, group))
-
-
-class DeputyScanSensor(Sensor, name="Sensor_DeputyScan"):
-    """Range to the nearest other deputy in each of `bins` sectors around the agent [m], Hill frame, shape (R, bins).
-
-    The sectors partition all directions: each contains the directions that are closer to its centre than to any other.
-    The centres are points of a Fibonacci lattice, so that the sectors have about the same size and there are no poles.
-    A sector without a deputy within `max_range` reads `max_range`; a deputy at exactly the same position is in every
-    sector.
-
-    Attributes:
-        bins: Number of sectors.
-        max_range: Largest range [m].
-    """
-
-    symbol: ClassVar[str] = "m"
-
-    bins: int = Field(default=20, ge=1, le=1000)
-    max_range: PositiveLength = 1000.0
-
-    @property
-    def element_names(self) -> tuple[str, ...]:
-        """One name for each sector, starting with range_0."""
-        return tuple(f"range_{sector}" for sector in range(self.bins))
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """From 0 to max_range [m]."""
-        return 0.0, self.max_range
-
-    @cached_property
-    def directions(self) -> FloatArray:
-        """Unit vectors to the centres of the sectors [-], Hill frame, shape (bins, 3)."""
-        return sphere_points("fibonacci", self.bins, 1.0)
-
-    def row(self, world: World, group: Group) -> RowTerm:
-        """Return the kernel that writes the ranges [m]."""
-        return RowTerm(
-            scan_deputies,
-            (world.num_deputies, self.max_range, self.directions, _own_index(group), EnvironmentArray("position")),
-        )
 
 
 def _own_index(group: Group) -> AgentParameter:

@@ -11,12 +11,11 @@ from pydantic import Field
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import coasting_position, grid, largest_coasting_range, least_coasting_range
-from safe_inspect.geometry.visibility import inspect_in_binary_light, point_axes
+from safe_inspect.geometry.visibility import inspect_in_view, point_axes
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import PointsName
 from safe_inspect.simulators import Group, Simulator, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm
-from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation, rotating_body
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
@@ -170,7 +169,7 @@ def _left_after_coasting(
         table: For each predicted position: control steps, angle of the orbit and its cosine and sine, cosine and sine
             of the angle by which the sun has turned, and whether a share is written after it, shape (K, 7).
         axes: The points [m], shape (3, P).
-        constants: Radius squared and the light threshold, see `inspect_in_binary_light`, mean motion [rad/s], control
+        constants: Radius squared and the terminator, see `inspect_in_view`, mean motion [rad/s], control
             steps of an episode, and the edge of the Earth's shadow, see `Shadow`, shape (5,).
         reading: Output: the result, shape (7,).
     """
@@ -184,7 +183,7 @@ def _left_after_coasting(
             viewer = coasting_position(n, state, angle, cos, sin)
             sun = x * cos_turn + y * sin_turn, y * cos_turn - x * sin_turn, direction[2]
             if sun[0] >= edge:
-                inspect_in_binary_light(viewer, sun, axes, horizon, terminator, 0, found)
+                inspect_in_view(viewer, sun, axes, horizon, terminator, 0, found)
         if notes:
             left = 0
             for p in range(total):
@@ -230,24 +229,22 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
         """Return the sensor with the horizon of the task, unless `horizon` is set.
 
         Raises:
-            ValueError: The body turns, or points are not simply lit or dark.
+            ValueError: The body turns.
         """
         for component in simulator.compose()[1]:
             turns = isinstance(component, ChiefRotation) and component.entity_name == self.inspection_entity_name
-            light = component.illumination_params if isinstance(component, InspectionPoints) else None
-            self._require(turns=turns, binary=light is None or light.bin_ray_flag)
+            self._require_still(turns)
         return self if "horizon" in self.model_fields_set else self.model_copy(update={"horizon": horizon})
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the shares and the mean direction [-].
 
         Raises:
-            ValueError: The body turns, or points are not simply lit or dark.
+            ValueError: The body turns.
         """
         name, model = self.inspection_entity_name, world.points[self.inspection_entity_name]
-        light = model.surface.light
-        self._require(turns=name == rotating_body(world), binary=light.binary)
-        radius, shadow = model.surface.radius, world.offers.world.get("shadow")
+        self._require_still(name == rotating_body(world))
+        radius, shadow = model.radius, world.offers.world.get("shadow")
         edge = -math.inf if shadow is None else shadow.edge
         return RowTerm(
             _left_after_coasting,
@@ -258,17 +255,15 @@ class CoastingInspectionSensor(Sensor, name="Sensor_CoastingInspection"):
                 EnvironmentArray("sun_direction"),
                 EnvironmentArray("step"),
                 self._table(world),
-                point_axes(model.surface.points),
-                np.array([radius * radius, radius * light.threshold, world.mean_motion, self.horizon, edge]),
+                point_axes(model.points),
+                np.array([radius * radius, model.terminator, world.mean_motion, self.horizon, edge]),
             ),
         )
 
-    def _require(self, *, turns: bool, binary: bool) -> None:
+    def _require_still(self, turns: bool) -> None:
         if turns:
             text = f"needs a body that does not turn, but {self.inspection_entity_name!r} turns; remove the sensor"
             raise ValueError(f"{self.registered_name} {text}")
-        if not binary:
-            raise ValueError(f"{self.registered_name} needs points that are lit or dark; set `bin_ray_flag: True`")
 
     def _table(self, world: World) -> FloatArray:
         n = float(world.mean_motion)

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.geometry.clusters import (
-    Clusters,
-    KMeansRule,
-    RowDraws,
-    cluster_candidates,
-    cluster_sklearn,
-    direction_to_nearest,
-)
+from safe_inspect.geometry.clusters import KMeansRule, RowDraws, cluster_candidates, direction_to_nearest
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
 from safe_inspect.simulators import Group, Simulator, View, World
-from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.row_terms import BodyArray, EnvironmentArray, OwnArray, RowTerm, SensorMemory
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.tasks.inspection.points import InspectionPoints
@@ -30,12 +22,12 @@ from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_bo
 from safe_inspect.tasks.inspection.uninspected_moments import MOMENTS, turn_moments, uninspected_moments
 from safe_inspect.types import FloatArray
 
-#: The declared arrays of an `UninspectedPointsSensor`, in the order of `Clusters`.
+#: The declared arrays of an `UninspectedPointsSensor`, in the order of `cluster_candidates`.
 _MEMORY = ("centres", "count", "candidates", "settled")
 
 
 def _call(kernel: Any, view: View, name: str, entity: str, memory: tuple[str, ...], *more: Any) -> None:
-    """Call a kernel of the points of a body, as seen by each deputy of a group. The state keeps its arguments.
+    """Call a kernel of the points of a body, for each deputy of a group. The state keeps its arguments.
 
     Args:
         kernel: The kernel.
@@ -48,8 +40,8 @@ def _call(kernel: Any, view: View, name: str, entity: str, memory: tuple[str, ..
     state, group, model = view.writable, view.group, view.world.points[entity]
     bound = state.bound.get((group.name, name))
     if bound is None:
-        position, sun = (state[array_in_axes_of(entity, view.world, array)] for array in ("position", "sun_direction"))
-        seen = position, model.body, (group.first, group.size), sun, model.surface, state.points[entity].inspector
+        sun = state[array_in_axes_of(entity, view.world, "sun_direction")]
+        seen = group.size, sun, model.surface, state.points[entity].inspector
         own = (state.memory[group.name, name, array] for array in memory)
         bound = state.bound[group.name, name] = kernel.dispatcher, (*seen, *own, *more)
     call, arguments = bound
@@ -125,7 +117,6 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         inspection_entity_name: The body that carries the points.
         points_per_cluster: Candidate points per centre; the number of centres is rounded up.
         max_iterations: Largest number of Lloyd iterations in a step.
-        backend: ``native`` (compiled, over the whole batch) or ``sklearn`` (scikit-learn's KMeans from the same start).
     """
 
     elements: ClassVar[tuple[str, ...]] = ("x_ups", "y_ups", "z_ups")
@@ -135,7 +126,6 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
     inspection_entity_name: PointsName = "chief"
     points_per_cluster: int = Field(default=10, ge=1)
     max_iterations: int = Field(default=50, ge=1)
-    backend: Literal["native", "sklearn"] = "native"
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the centres and the data that show whether they are up to date."""
@@ -147,27 +137,11 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
             "settled": ArraySpec((), np.bool_),
         }
 
-    @property
-    def _rule(self) -> KMeansRule:
-        return KMeansRule(self.points_per_cluster, self.max_iterations)
-
     def remember(self, view: View, name: str) -> None:
         """Cluster the candidates of every row."""
-        if self.backend == "sklearn":
-            self._remember_with_sklearn(view, name)
-            return
         draws = RowDraws(view.writable.key, view.writable.step)
-        _call(cluster_candidates, view, name, self.inspection_entity_name, _MEMORY, draws, self._rule)
-
-    def _remember_with_sklearn(self, view: View, name: str) -> None:
-        points = view.points(self.inspection_entity_name)
-        cluster_sklearn(
-            points.model.points,
-            points.candidates,
-            Clusters(*(view.memory(name, array) for array in _MEMORY)),
-            RowDraws(for_kernel(view.per_environment(view.state.key)), for_kernel(view.step)),
-            self._rule,
-        )
+        rule = KMeansRule(self.points_per_cluster, self.max_iterations)
+        _call(cluster_candidates, view, name, self.inspection_entity_name, _MEMORY, draws, rule)
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the direction [-], Hill frame."""

@@ -8,6 +8,7 @@ wrap it instead of subclassing it.
 from __future__ import annotations
 
 import inspect
+import re
 import types
 import typing
 from collections.abc import Iterator
@@ -18,6 +19,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, fie
 from pydantic_core import PydanticKnownError
 
 from safe_inspect.plugins.registry import registry
+
+#: A field and its description in the "Attributes:" of a docstring.
+_ENTRY = re.compile(r"^ {4}(\w+)(?: \([^)]*\))?: *(.*(?:\n {5,}.*)*)", re.MULTILINE)
 
 
 class StrictNumbers(BaseModel):
@@ -158,3 +162,14 @@ def _marks(info: Any) -> list[Reference]:
     for argument in getattr(info.annotation, "__args__", ()):  # SensorName | None
         found += [mark for mark in getattr(argument, "__metadata__", ()) if isinstance(mark, Reference)]
     return found
+
+
+def documented_fields(cls: type[BaseModel]) -> dict[str, str]:
+    """Return each field's description in the "Attributes:" of a class and its bases; the class itself has priority."""
+    documented: dict[str, str] = {}
+    for parent in cls.__mro__:
+        text = inspect.cleandoc(vars(parent).get("__doc__") or "")
+        section = text.partition("\nAttributes:\n")[2].partition("\n\n")[0]
+        for field, about in _ENTRY.findall(section):
+            documented.setdefault(field, " ".join(about.split()))
+    return documented

@@ -13,10 +13,10 @@ from safe_inspect.dynamics.quaternion import exp, multiply, rotate_back
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.geometry.distance import lengths
+from safe_inspect.geometry.visibility import sight_range
 from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
 from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, coast_others
 from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
-from safe_inspect.planning.coverage_problem import lit_from_all_sides, sight_range
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName, Plugin, PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, dot_rows, shortened
@@ -134,7 +134,7 @@ class NaturalMotionInspector(ScriptedPolicy):
         world, entity = view.world, self.inspection_entity_name
         now, deputy = int(view.step[row]), int(view.own_index[row])
         start, delta_v = plans.start[row], plans.delta_v[row]
-        problem = self._problem(view, row, now, plans.reach[row])
+        problem = self.burn_problem(view, row, now, plans.reach[row])
         state = np.concatenate((view.position[row], view.velocity[row]))
         state -= np.concatenate((view.entity_position(entity)[row], view.entity_velocity(entity)[row]))
         delta_v[start < now] = 0.0  # these burns have been executed
@@ -148,8 +148,15 @@ class NaturalMotionInspector(ScriptedPolicy):
         alone = world.num_deputies == 1 and left == 0
         plans.review[row] = now + (end + 1 if alone else self.review)
 
-    def _problem(self, view: View, row: int, now: int, reach: FloatArray) -> BurnProblem:
-        """Return the planning problem of one row."""
+    def burn_problem(self, view: View, row: int, now: int, reach: FloatArray) -> BurnProblem:
+        """Return the planning problem of one row.
+
+        Args:
+            view: The current state.
+            row: The row.
+            now: Steps since the reset.
+            reach: Velocity change that one step can give along each axis [m/s], shape (3,).
+        """
         world, state, entity = view.world, view.state, self.inspection_entity_name
         if rotating_body(world) == entity:
             raise SafeInspectError(
@@ -163,7 +170,7 @@ class NaturalMotionInspector(ScriptedPolicy):
         sun, light = predicted_sun(view.state, env, angle, world)
         problem = BurnProblem(
             maps=step_maps(world.mean_motion, world.step_size, self.horizon),
-            lit=lit_from_all_sides(model, light),
+            lit=model.lit(light),
             sun=sun,
             points=model.points,
             radius=model.radius,

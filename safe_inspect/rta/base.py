@@ -40,8 +40,6 @@ class SafetyGlue(ActionGlue):
 
     Attributes:
         enabled: Whether the thrust is filtered. If False, the glue costs nothing.
-        invalid_actions: What happens if an action is NaN or infinite while the filter is enabled: ``error`` stops the
-            run, ``backup`` applies the filter's `backup` in that row; infos and evaluations report it.
         undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
             ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
         wrapped: The glues of the controllers.
@@ -50,7 +48,6 @@ class SafetyGlue(ActionGlue):
     tests: ClassVar[tuple[str, ...]] = ("position", "velocity", "sun_angle")
 
     enabled: bool = False
-    invalid_actions: Literal["error", "backup"] = "error"
     undeclared: Literal["error", "warn"] = "error"
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]
 
@@ -108,10 +105,6 @@ class SafetyGlue(ActionGlue):
             view: The state at the start of the step.
         """
 
-    def backup(self, view: View) -> FloatArray:
-        """Return the thrust to use where an action is invalid [N], Hill frame, shape (R, 3); zero by default."""
-        return np.zeros((view.num_rows, 3))
-
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the arrays that the filter stores between steps, with the shape for one agent; by default, none."""
         return {}
@@ -154,8 +147,6 @@ class TeamSafety(Plugin):
 
     Attributes:
         enabled: Whether the thrusts are filtered. If False, the filter costs nothing.
-        invalid_actions: What happens if an action is NaN or infinite while the filter is enabled: ``error`` stops the
-            run, ``backup`` sets the desired thrust of that deputy to zero; infos and evaluations report it.
         undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
             ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
     """
@@ -163,7 +154,6 @@ class TeamSafety(Plugin):
     kind: ClassVar[str] = "rta"
 
     enabled: bool = True
-    invalid_actions: Literal["error", "backup"] = "error"
     undeclared: Literal["error", "warn"] = "error"
 
     @abstractmethod

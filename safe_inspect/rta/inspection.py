@@ -1,8 +1,7 @@
-"""Safety glue of inspection by one deputy, which can also avoid other deputies, and safety filter of a team."""
+"""Safety glue of inspection by one deputy, and safety filter of a team."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Literal
@@ -15,46 +14,35 @@ from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.base import Filtered, SafetyGlue, TeamFiltered, TeamSafety, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import TaskParameters
-from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry, name_of
+from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter, Intervention
 from safe_inspect.rta.filters.base import SAFE_DRAWS, differs, safe_states
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
-from safe_inspect.rta.filters.team.safety_filter import PAIR_CONSTRAINTS, TeamFilter, TeamState
+from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, View
 from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
-from safe_inspect.units import (
-    PositiveLength,
-    PositiveSpeed,
-)
+from safe_inspect.units import PositiveLength
 
 
 class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     """Run-time assurance for one deputy that inspects a chief at the origin of Hill's frame.
 
-    If there are several deputies, each filters its own thrust: it avoids the others if `constraints` says so, assuming
-    that they coast. This does not separate two deputies that both apply thrust; `RTACWHInspectionTeam` does.
+    If there are several deputies, each filters its own thrust, regardless of the others; `RTACWHInspectionTeam` also
+    keeps them apart.
 
     Attributes:
         state_observation_names: Observations that the filter of safe-autonomy-sims reads; this filter reads the state
             itself.
-        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``. ``deputy_collision`` enforces
-            the distance from every other deputy, and ``deputy_PSM`` the distance during `psm_horizon` of coasting; both
-            require the method ``backup``.
-        deputy_radius: Two deputies collide when their centres are closer than twice this distance [m].
+        constraints: Names of constraints, or mappings ``{functor: NAME, config: {...}}``.
         method: ``backup`` enforces every constraint over the whole hold; ``continuous`` is the condition of
-            safe-autonomy-sims on the derivative at the start of the hold, which does not; ``simplex`` switches to a
-            backup controller.
+            safe-autonomy-sims on the derivative at the start of the hold, which does not.
         infeasible: What the method ``continuous`` applies if no thrust satisfies all conditions: ``least_violating``,
             or ``pass`` for the desired thrust, as safe-autonomy-sims does.
         intervention: What the method ``backup`` applies if the desired thrust is rejected: ``nearest``, a safe thrust
             near to it, or ``backup``, the backup plan, which leads to a closed motion within the constraints.
-        delta_v_limit: Delta-v limit of an episode with the method ``simplex`` [m/s], guaranteed if the plan of its
-            initial state satisfies it: when the rest is only enough for a plan, the plan is applied, and then the
-            deputy coasts. None: no limit.
         recoverable: Whether `refusals` also rejects states without a backup plan.
         disturbance: Bounds of the disturbances under which the method ``backup`` enforces the constraints, for a single
             deputy; see `BackupFilter`. None: the motion is exactly that of the model.
@@ -62,33 +50,25 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     state_observation_names: tuple[str, ...] = ()
     constraints: tuple[ConstraintEntry, ...] = NAMES
-    deputy_radius: PositiveLength = 5.0
-    method: Literal["backup", "continuous", "simplex"] = "backup"
+    method: Literal["backup", "continuous"] = "backup"
     infeasible: Literal["least_violating", "pass"] = "least_violating"
     intervention: Intervention = "nearest"
-    delta_v_limit: PositiveSpeed | None = None
     recoverable: bool = False
     disturbance: DisturbanceBounds | None = None
 
     @model_validator(mode="after")
     def _check_constraints(self) -> RTAGlueCWHInspection1v1:
-        assert self._constraints is not None  # Reports wrong parameters now, not at the first step.
-        pairs = tuple(map(name_of, self._pairs))
+        for name, constraint in self._constraints.items():  # Reports wrong parameters now, not at the first step.
+            if constraint.pair:
+                raise ValueError(f"{name!r} is about two deputies; remove it, and use the team's RTACWHInspectionTeam")
         if self.enabled and not self.constraints:
             raise ValueError("`constraints` is empty, so the filter enforces nothing; name some, or disable it")
-        if len(pairs) != len(set(pairs)):
-            raise ValueError(f"the constraints {list(map(name_of, self.constraints))} contain a duplicate; remove it")
-        if pairs and self.method != "backup":
+        if self.disturbance is not None and self.method != "backup":
+            raise ValueError(f"the method {self.method!r} does not support `disturbance`; remove one of them")
+        if self.intervention != "nearest" and self.method != "backup":
             raise ValueError(
-                f"the method {self.method!r} does not enforce {pairs[0]!r}; use the method 'backup', or remove it"
+                f"the method {self.method!r} does not support `intervention` {self.intervention!r}; remove one of them"
             )
-        what = f"the constraint {pairs[0]!r}" if pairs else f"the method {self.method!r}"
-        if self.disturbance is not None and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} does not support `disturbance`; remove one of them")
-        if self.intervention != "nearest" and (pairs or self.method != "backup"):
-            raise ValueError(f"{what} does not support `intervention` {self.intervention!r}; remove one of them")
-        if self._pairs and self.enabled:
-            assert self._decentralised is not None
         if (self.enabled and self.method != "continuous") or self.recoverable:
             assert self.backup_filter is not None
         if self.enabled and self.method == "continuous":
@@ -97,41 +77,21 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     @cached_property
     def _constraints(self) -> dict[str, Constraint]:
-        return constraint_set(self.agreeing, self._names)
+        return constraint_set(self.agreeing, self.constraints)
 
     @property
     def kept(self) -> dict[str, Constraint]:
         """The constraints that the filter guarantees, by name; none with the method ``continuous``."""
-        if self.method == "continuous":
-            return {}
-        return {**self._constraints, **constraint_set(self.agreeing, self._pairs, self.deputy_radius)}
-
-    @property
-    def _names(self) -> tuple[str | Constraint, ...]:
-        return tuple(entry for entry in self.constraints if name_of(entry) not in PAIR_CONSTRAINTS)
-
-    @property
-    def _pairs(self) -> tuple[str | Constraint, ...]:
-        return tuple(entry for entry in self.constraints if name_of(entry) in PAIR_CONSTRAINTS)
+        return {} if self.method == "continuous" else self._constraints
 
     @cached_property
     def backup_filter(self) -> BackupFilter:
         """Filter of the method `backup`, with these parameters and constraints."""
-        several = self.method != "simplex"  # The delta-v reserve of that method assumes plans of one hold.
-        return BackupFilter(self.agreeing, self._names, self.intervention, several, self.disturbance)
-
-    @cached_property
-    def _decentralised(self) -> TeamFilter:
-        return TeamFilter(self.agreeing, (*self._names, *self._pairs), self.deputy_radius)
+        return BackupFilter(self.agreeing, self.constraints, self.intervention, disturbance=self.disturbance)
 
     @cached_property
     def _continuous(self) -> ContinuousFilter:
-        return ContinuousFilter(self.agreeing, self._names, self.infeasible)
-
-    @cached_property
-    def _simplex(self) -> SimplexFilter:
-        limit = math.inf if self.delta_v_limit is None else self.delta_v_limit
-        return SimplexFilter(self.agreeing, self._names, limit)
+        return ContinuousFilter(self.agreeing, self.constraints, self.infeasible)
 
     def recoverable_share(self) -> tuple[int, float] | None:
         """Return the number of sampled safe states, and the share from which the filter guarantees the constraints.
@@ -176,40 +136,18 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
 
     def filter(self, desired: FloatArray, view: View) -> Filtered:
         """Return the thrust to hold during the next step."""
-        state = self._seen(view)
+        offered = view.world.offers.view
+        state = self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
         if self.method == "continuous":
             return Filtered(self._continuous(state, desired))
-        if self.method == "backup":
-            if self._pairs and view.world.num_deputies > 1:
-                others = view.others_position, view.others_velocity
-                return Filtered(self._decentralised.decentralised(state, desired, *others))
-            if self.disturbance is not None:
-                result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
-                return Filtered(result, {"plan": plan})
-            return Filtered(self.backup_filter(state, desired))
-        before = SimplexMemory(view.delta_v, view.memory(SAFETY_FILTER, "latched"))
-        switched, after = self._simplex(state, desired, before)
-        return Filtered(switched, {"latched": after.latched})
-
-    def _seen(self, view: View) -> RelativeState:
-        """Return the relative states of the deputies, estimated if there are estimates."""
-        offered = view.world.offers.view
-        return self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
-
-    def backup(self, view: View) -> FloatArray:
-        """Return the thrust of the backup plan [N], Hill frame, shape (R, 3); zero if there is none."""
-        if self.method == "continuous":
-            return super().backup(view)
-        run, state = self.backup_filter, self._seen(view)
         if self.disturbance is not None:
-            return run.tracking(state, view.memory(SAFETY_FILTER, "plan"))
-        return run.backups(state)[1]
+            result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
+            return Filtered(result, {"plan": plan})
+        return Filtered(self.backup_filter(state, desired))
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare whether the switching filter has latched its backup controller, or the plan that is tracked."""
-        if self.disturbance is not None:
-            return {"plan": ArraySpec((MEMORY,))}
-        return {"latched": ArraySpec((), np.bool_)} if self.method == "simplex" else {}
+        """Declare the plan that is tracked under a disturbance."""
+        return {} if self.disturbance is None else {"plan": ArraySpec((MEMORY,))}
 
     def for_starts(self) -> RTAGlueCWHInspection1v1:
         """Return the glue that also rejects initial states from which the filter could not guarantee safety."""

@@ -325,7 +325,6 @@ class Step:
         self.writable_intervening = intervening
         self.dt = dt
         self.filtered = filtered
-        self.invalid: BoolArray | None = None
 
     def __getattr__(self, name: str) -> Any:
         """Return a value that a component of the task provides, such as ``new_points``."""

@@ -82,12 +82,18 @@ def with_deputies(what: str, deputies: int) -> str:
     return what if deputies == 1 else f"{what} with {deputies} deputies"
 
 
-def each_world(plugin: Plugin | None, parts: SampleParts, report: Report, rows: int = ROWS) -> Iterator[Step]:
-    """Yield steps of the sample world with one deputy, if the plugin allows it, and, without a breach, with several."""
+def each_team(plugin: Plugin | None, report: Report) -> Iterator[int]:
+    """Yield the numbers of deputies of the sample worlds: one, if the plugin allows it, and, without a breach, many."""
     known = len(report.breaches)
     for deputies in team_sizes(plugin):
         if len(report.breaches) == known:
-            yield sample_steps(plugin, rows, parts=parts, deputies=deputies)
+            yield deputies
+
+
+def each_world(plugin: Plugin | None, parts: SampleParts, report: Report, rows: int = ROWS) -> Iterator[Step]:
+    """Yield the steps of each sample world, see `each_team`."""
+    for deputies in each_team(plugin, report):
+        yield sample_steps(plugin, rows, parts=parts, deputies=deputies)
 
 
 def spread(low: FloatArray, high: FloatArray, rows: int = ROWS) -> FloatArray:

@@ -7,7 +7,6 @@ read; `safe_inspect.testing.kinds` checks its results.
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -18,7 +17,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import did_you_mean
 from safe_inspect.platforms.base import Part
 from safe_inspect.plugins.functor import build, describe, errors_of
-from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin, documented_fields
 from safe_inspect.plugins.registry import registry
 from safe_inspect.testing.kinds import CHECKS
 from safe_inspect.testing.report import ContractError, Report
@@ -27,7 +26,6 @@ from safe_inspect.testing.samples import DEPUTIES, sample_spec
 _UNKNOWN = "no_such_field"
 #: Other notations of a unit in a docstring.
 _SAME = {"Hz": ("1/s",), "m/s^2": ("m/s2", "m/s**2"), "rad/s": ("1/s",)}
-_ENTRY = re.compile(r"^ {4}(\w+)(?: \([^)]*\))?: *(.*(?:\n {5,}.*)*)", re.MULTILINE)
 
 
 def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -> None:
@@ -132,29 +130,12 @@ def _check_names(plugin: Plugin, spec: EnvironmentSpec, report: Report) -> bool:
     return sound
 
 
-def documented_fields(cls: type[BaseModel]) -> dict[str, str]:
-    """Return each field's description in the "Attributes:" of a class and its bases; the class itself has priority."""
-    documented: dict[str, str] = {}
-    for parent in cls.__mro__:
-        text = inspect.cleandoc(vars(parent).get("__doc__") or "")
-        section = text.partition("\nAttributes:\n")[2].partition("\n\n")[0]
-        for field, about in _ENTRY.findall(section):
-            documented.setdefault(field, " ".join(about.split()))
-    return documented
-
-
 def _check_strictness(cls: type[Plugin], report: Report) -> None:
     report.expect(
         cls.model_config.get("frozen"),
         "frozen",
         f"{cls.__name__} can be changed after it is built",
         "leave `frozen=True` in model_config; what must be remembered is a declared array of the state",
-    )
-    report.expect(
-        cls.model_config.get("extra") == "forbid",
-        "strict",
-        f"{cls.__name__} accepts keys that it does not have, so a misspelt key goes unnoticed",
-        'leave `extra="forbid"` in model_config',
     )
     for field, model in _models(cls, set()):
         report.expect(
@@ -231,7 +212,7 @@ def _check_values(plugin: Plugin, report: Report) -> None:
     if _accepts(cls, {**fields, _UNKNOWN: 1}):
         report.add(
             "strict",
-            f"{cls.__name__} accepts the key `{_UNKNOWN}`",
+            f"{cls.__name__} accepts the key `{_UNKNOWN}`, so a misspelt key goes unnoticed",
             'leave `extra="forbid"` in model_config, and let no validator drop keys',
         )
     for name in fields:

@@ -25,13 +25,14 @@ from safe_inspect.testing.calls import (
     check_alone,
     check_bounds,
     check_call,
+    each_team,
     each_world,
     spread,
 )
 from safe_inspect.testing.constraints import check_constraint
 from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import ROWS, sample_spec, sample_states, sample_team_steps, team_sizes
+from safe_inspect.testing.samples import ROWS, sample_spec, sample_states, sample_team_steps
 from safe_inspect.types import AnyArray
 
 
@@ -247,12 +248,10 @@ def _check_own(plugin: Metric, parts: SampleParts, report: Report) -> None:
 
 
 def _check_team(plugin: TeamMetric, parts: SampleParts, report: Report) -> None:
-    known = len(report.breaches)
-    for deputies in team_sizes(plugin):
-        if len(report.breaches) == known:
-            step = replace(sample_team_steps(None, ROWS, parts=parts, deputies=deputies), fired={}, has={})
-            call = Call("the metric", lambda given: _without_nan(plugin(given)), {"step": step}, Shape((), "f", "(N,)"))
-            check_call(call, report)
+    for deputies in each_team(plugin, report):
+        step = replace(sample_team_steps(None, ROWS, parts=parts, deputies=deputies), fired={}, has={})
+        call = Call("the metric", lambda given: _without_nan(plugin(given)), {"step": step}, Shape((), "f", "(N,)"))
+        check_call(call, report)
 
 
 def _without_nan(value: Any) -> Any:

@@ -22,9 +22,7 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.glues.actions import ControllerGlue
 from safe_inspect.platforms.base import Part, Sensor
 from safe_inspect.platforms.controllers import RateController
-from safe_inspect.platforms.state_sensors import (
-    SunlightSensor,
-)
+from safe_inspect.platforms.state_sensors import SunlightSensor
 from safe_inspect.plugins.functor import Named, build
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.policies.base import ScriptedPolicy
@@ -54,8 +52,6 @@ _FURTHER_PARTS = (
     "Sensor_EntityVelocity",
     "Sensor_NearestDeputiesPosition",
     "Sensor_NearestDeputiesVelocity",
-    "Sensor_NearestDeputiesPresence",
-    "Sensor_DeputyScan",
     "Sensor_AngularVelocity",
     "Sensor_OrientationUnitVector",
     "Sensor_Quaternion",

@@ -15,9 +15,18 @@ from safe_inspect.rta.base import TeamSafety
 from safe_inspect.rta.filters.base import INTERVENTION_THRESHOLD
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import View
-from safe_inspect.testing.calls import Call, SampleParts, Shape, check_alone, check_call, each_world, with_deputies
+from safe_inspect.testing.calls import (
+    Call,
+    SampleParts,
+    Shape,
+    check_alone,
+    check_call,
+    each_team,
+    each_world,
+    with_deputies,
+)
 from safe_inspect.testing.report import Report
-from safe_inspect.testing.samples import DEPUTIES, ROWS, sample_spec, sample_team_steps, team_sizes
+from safe_inspect.testing.samples import DEPUTIES, ROWS, sample_spec, sample_team_steps
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Environments of a sample for slow plugins.
@@ -26,13 +35,11 @@ FEW_ROWS = 16
 
 def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Report) -> None:
     """Check a shared done function: it must return a `DoneStatus` for each environment, int8 (N,)."""
-    for deputies in team_sizes(plugin):
+    for deputies in each_team(plugin, report):
         step = sample_team_steps(plugin, ROWS, parts=parts, deputies=deputies)
         shape = Shape((), "i", "(N,), int8")
         given = check_call(Call("the shared done function", plugin, {"step": step}, shape), report)
-        if given is None:
-            return
-        unknown = sorted(set(given.tolist()) - {int(status) for status in DoneStatus})
+        unknown = sorted(set([] if given is None else given.tolist()) - {int(status) for status in DoneStatus})
         report.expect(
             not unknown, "status", f"it gave the status {unknown}", "give 0 or a DoneStatus: WIN, LOSE or DRAW"
         )
@@ -63,9 +70,8 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
 
 def check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) -> None:
     """Check a team's safety filter: its thrusts [N] (N, D, 3), its flags, and the states that it rejects."""
-    known = len(report.breaches)
-    for deputies in team_sizes(plugin):
-        if plugin.enabled and len(report.breaches) == known and _remembers_what_it_declares(plugin, deputies, report):
+    for deputies in each_team(plugin, report):
+        if plugin.enabled and _remembers_what_it_declares(plugin, deputies, report):
             _check_filter(plugin, parts, deputies, report)
             _check_flight(plugin, parts, deputies, report)
     team = sample_team_steps(None, ROWS).after

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.cli.commands import figures, leaderboard, rendezvous
+from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.baselines import OPTIMISER
+from safe_inspect.evaluation.shipped import shipped_policy
 
 Typed = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("here")
@@ -97,20 +99,20 @@ def test_a_row_is_flown_where_it_is_not_known(monkeypatch: pytest.MonkeyPatch, h
     monkeypatch.setattr(leaderboard, "fly_candidates", lambda *given: calls.append(given))
     monkeypatch.setattr(leaderboard, "default_metrics", lambda spec: [f"metrics of {spec}"])
     monkeypatch.setattr(leaderboard, "read_evaluation", lambda folder: folder)
-    monkeypatch.setattr(leaderboard, "_training", lambda source: {"of": source})
     monkeypatch.setattr(leaderboard, "Standing", SimpleNamespace(of_evaluation=lambda *given: given))
-    candidate = SimpleNamespace(experiment=SimpleNamespace(spec="spec"), source="source")
+    candidate = SimpleNamespace(source={"kind": "shipped", "text": "--policy docking"})
     entry: Any = SimpleNamespace(
         board=SimpleNamespace(title="A Board"),
         row=SimpleNamespace(title="A Row"),
         candidate=candidate,
+        spec="spec",
         overrides=("a=1",),
     )
     arguments = argparse.Namespace(results=here, command="leaderboard", num_envs=3)
     board: Any = SimpleNamespace(episodes=9, seed=4)
-    folder = here / leaderboard.slug("A Board") / leaderboard.slug("A Row")
+    folder, card = here / leaderboard.slug("A Board") / leaderboard.slug("A Row"), shipped_policy("docking").training
     for _ in range(2):
-        assert leaderboard._standing(arguments, entry, board) == (entry.row, folder, {"of": "source"})
+        assert leaderboard._standing(arguments, entry, board) == (entry.row, folder, card)
     ((wanted, candidates, metrics, reference),) = calls
     assert (candidates, metrics, reference) == ([candidate], ["metrics of spec"], None)
     assert vars(wanted) == {
@@ -123,9 +125,10 @@ def test_plans_of_a_board_are_searched_with_its_seed(monkeypatch: pytest.MonkeyP
     asked: list[Any] = []
     monkeypatch.setattr(leaderboard, "complete", lambda *given, **more: asked.append((given, more)) or "record")
     monkeypatch.setattr(leaderboard, "Standing", SimpleNamespace(of_plans=lambda *given: given))
-    row = SimpleNamespace(title="O", task=None)
-    board = SimpleNamespace(title="B", task="safe_inspect/TranslationalInspectionSeed-v0")
-    entry: Any = SimpleNamespace(board=board, row=row, candidate=None, overrides=("horizon=30",))
+    row, board = SimpleNamespace(title="O"), SimpleNamespace(title="B")
+    task, overrides = "safe_inspect/TranslationalInspectionSeed-v0", ("horizon=30",)
+    spec = load_spec(task, overrides)
+    entry: Any = SimpleNamespace(board=board, row=row, task=task, overrides=overrides, spec=spec, candidate=None)
     whole: Any = SimpleNamespace(episodes=9, seed=4)
     assert leaderboard._standing(argparse.Namespace(results=here), entry, whole) == (row, "record", 10.0)
     (((_, record, count), more),) = asked
@@ -135,20 +138,12 @@ def test_plans_of_a_board_are_searched_with_its_seed(monkeypatch: pytest.MonkeyP
     assert record.about["overrides"] == ["horizon=30"]
 
 
-def test_the_training_of_a_shipped_policy_is_on_its_card() -> None:
-    source = {"kind": "shipped", "text": "--policy docking"}
-    assert leaderboard._training(source) == leaderboard.shipped_policy("docking").training
-    assert leaderboard._training({"kind": "onnx", "text": "p.onnx"}) == {}
-
-
 @pytest.mark.parametrize(
     ("words", "front_end", "shown"),
     [
         ((), "GicpSubmapFrontEnd", ""),
         (("--target", "t.yml"), "ModelFrontEnd", ""),
         (("--target", "t.yml", "--front-end", "GicpSubmapFrontEnd"), "GicpSubmapFrontEnd", ""),
-        (("--pick", "3,4,5,0.25"), "GicpSubmapFrontEnd",
-         "mating_point: point of (3, 'above (3, 4, 5, 0.25)')  # in the estimated principal axes\n"),
         (("--output", "o"), "GicpSubmapFrontEnd", "the estimate is in o\n"),
     ],
 )  # fmt: skip
@@ -165,9 +160,6 @@ def test_a_log_is_characterised_and_its_estimate_written(
     )
     monkeypatch.setattr(rendezvous, "estimate_table", lambda summary: f"table of {summary}")
     monkeypatch.setattr(rendezvous, "summary_of", lambda log, estimate: (log, estimate))
-    monkeypatch.setattr(rendezvous, "pick_point", lambda log, *picked: f"above {picked}")
-    monkeypatch.setattr(rendezvous, "in_principal_axes", lambda log, estimate, frame, above: (frame, above))
-    monkeypatch.setattr(rendezvous, "mating_point_text", lambda point: f"point of {point}")
     monkeypatch.setattr(rendezvous, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
     monkeypatch.setattr(rendezvous, "estimate_figure", lambda log, estimate: "figure")
     monkeypatch.setattr(rendezvous, "save", lambda figure, path: path.write_text(figure))

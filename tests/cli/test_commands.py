@@ -296,7 +296,7 @@ def test_what_is_no_command_line_is_refused(typed, words):
             "initial_weights=dockin",
             "'dockin' is neither the folder of a checkpoint nor a policy that the package ships",
         ),
-        ("fcnet_activation=gelu", "`gelu` is not possible; use one of `tanh`, `relu`, `swish`, `silu`, `linear`"),
+        ("fcnet_activation=gelu", "expected 'tanh', 'relu', 'swish', 'silu' or 'linear', got 'gelu'"),
     ],
 )
 def test_what_only_the_training_would_meet_is_found_by_validate(typed, override, shown):
@@ -382,14 +382,13 @@ def test_a_name_that_the_terminal_cannot_show():
     assert done.stderr.startswith("error: no file 'n\\xf6pe.yml'")
 
 
-def test_acceptance_prints_and_plots(typed):
-    code, out, err = typed("acceptance", EXPERIMENT, "--draws", "50", "--plot", "drawn.png")
+def test_acceptance_prints_shares(typed):
+    code, out, err = typed("acceptance", EXPERIMENT, "--draws", "50")
     assert code == 0
     assert "because the filter is off; set RTAGlueCWHInspection1v1.config.enabled=true" in err
     assert "of 50 draws are accepted" in out
     for name in ("chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel"):
         assert f"\n{name} " in out
-    assert Path("drawn.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("experiment", [EXPERIMENT, SHIPPED], ids=["real thrust", "levels of thrust"])
@@ -428,7 +427,7 @@ def test_numbers_that_make_no_sense_are_refused(typed, words, shown):
 
 
 def test_a_plot_that_cannot_be_written_is_a_mistake_of_the_users(typed):
-    code, _, err = typed("acceptance", EXPERIMENT, "--draws", "50", "--plot", f"{EXPERIMENT}/drawn.png")
+    code, _, err = typed("safety", EXPERIMENT, "--steps", "50", "--plot", f"{EXPERIMENT}/drawn.png")
     assert code == 2
     assert "drawn.png" in err or EXPERIMENT in err
 

@@ -159,7 +159,9 @@ def test_several_deputies_have_a_block_each(typed):
 
 def test_a_users_metric_by_its_dotted_and_by_its_registered_name(typed, here):
     (here / "my_metrics.py").write_text(METRICS)
-    code, out, _ = typed("evaluate", "zero-thrust", *SHORT, "--metric", "my_metrics.MeanRange", "--metric", "DeltaV")
+    code, out, _ = typed(
+        "evaluate", "zero-thrust", *SHORT, "--metric", "my_metrics.MeanRange", "--metric", "ThrustingSteps"
+    )
     assert code == 0
     assert 40.0 < float(row(out, "mean range")[0]) < 120.0
     code, again, _ = typed("evaluate", "zero-thrust", *SHORT, "--metric", "MeanRange")
@@ -268,7 +270,7 @@ def test_a_run_that_is_missing_is_answered_by_the_newest(typed, here):
         (("random", "horizn=3"), "did you mean `horizon`?"),
         (("random", "--cfg", "none.yml"), "none.yml"),
         (("--cfg", "none.yml"), "no file 'none.yml'"),
-        (("random", "--metric", "DeltaVV"), "did you mean `DeltaV`?"),
+        (("random", "--metric", "ThrustingStep"), "did you mean `ThrustingSteps`?"),
         (
             ("random", "--metric", "{functor: SmallestRange, config: {entity_name: sol}}"),
             "no entity is named 'sol'",
@@ -446,7 +448,7 @@ def test_what_cannot_be_compared_is_refused(typed, evaluations, here):
     both = (evaluations / "random", evaluations / "zero-thrust")
     assert "has --seed 0 and is not evaluated again" in typed("compare", *both, "--seed", "77")[2]
     assert "has --episodes 6 and is not evaluated again" in typed("compare", *both, "--episodes", "77")[2]
-    for option, words in (("--metric", ("--metric", "DeltaV")), ("KEY=VALUE", ("horizon=3",))):
+    for option, words in (("--metric", ("--metric", "ThrustingSteps")), ("KEY=VALUE", ("horizon=3",))):
         assert f"{option} has no effect, as all sources are evaluations already" in typed("compare", *both, *words)[2]
     assert "no policy 'nobody'" in typed("compare", first, "nobody")[2]
 
@@ -464,8 +466,8 @@ def test_returns_of_other_rewards_are_not_compared(typed, evaluations):
 @pytest.mark.parametrize(
     ("file", "content", "shown"),
     [
-        ("episodes.parquet", b"PAR1", "episodes.parquet: the file was damaged"),
-        ("episodes.parquet", None, "episodes.parquet: the file cannot be read"),
+        ("episodes.npz", b"PK", "episodes.npz: the file was damaged"),
+        ("episodes.npz", None, "episodes.npz: the file cannot be read"),
         ("evaluation.json", b"{", "the record of the evaluation is damaged"),
         ("evaluation.json", b"{}", "the record of the evaluation is damaged"),
         ("evaluation.json", b'{"format": 99}', "the file was written by another version of safe_inspect"),
@@ -487,7 +489,7 @@ def test_damaged_trajectories_are_reported(evaluations, here):
     shutil.copytree(evaluations / "random", here / "bad")
     with pytest.raises(EvaluationError, match="there are no recorded episodes; evaluate with --record"):
         read_trajectories(here)
-    (here / "bad" / "trajectories.parquet").write_bytes(b"PAR1")
+    (here / "bad" / "trajectories.npz").write_bytes(b"PK")
     with pytest.raises(EvaluationError, match="the file was damaged"):
         read_trajectories(here / "bad")
 

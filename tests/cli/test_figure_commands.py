@@ -100,7 +100,7 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     ):
         figures._episode(argparse.Namespace(**given | {"until": 1.5}))
     (here / "run").mkdir()
-    (here / "run" / "trajectories.parquet").write_text("")
+    (here / "run" / "trajectories.npz").write_text("")
     monkeypatch.setattr(figures, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
     assert figures._episode(argparse.Namespace(**read))[1] == "run, episode 7"
@@ -118,19 +118,15 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
 def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(figures, "recipes_of", lambda runs, labels: {f"{labels}": [Path(run) for run in runs]})
-    monkeypatch.setattr(figures, "one_recipe", lambda run: [Path(run), Path(f"{run}-2")])
     monkeypatch.setattr(figures, "curves_figure", lambda recipes, centre, each: drawn.append((recipes, centre, each)))
     monkeypatch.setattr(figures, "save", lambda figure, path: None)
-    words = ("curves", "a", "b", "--label", "x", "--recipe", "y", "c", "--recipe", "y", "d")
-    assert typed(*words)[:2] == (0, "curves.png: ['x'] (2), y (4)\n")
+    assert typed("curves", "a", "b", "--label", "x")[:2] == (0, "curves.png: ['x'] (2)\n")
     assert typed("curves", "a", "--centre", "iqm", "--each", "--output", "o.svg")[:2] == (0, "o.svg: [] (1)\n")
     assert [item[1:] for item in drawn] == [("mean", False), ("iqm", True)]
     for wrong, shown in (
-        (("--label", "x"), "--label needs RUNs; give them, or use --recipe LABEL RUN..."),
-        (("--recipe", "x"), "--recipe x: there is no RUN after the label; give folders of training runs"),
+        (("--label", "x"), "no learning curves: give folders of training runs"),
         ((), "no learning curves: give folders of training runs"),
         (("a", "a"), "[]: a run is given twice, but must count once in a band over seeds"),
-        (("--recipe", "x", "a", "a"), "x: a run is given twice, but must count once in a band over seeds"),
     ):
         assert typed("curves", *wrong) == (2, "", f"error: {shown}\n")
     assert len(drawn) == 2

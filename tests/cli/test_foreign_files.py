@@ -43,7 +43,6 @@ FILES = {
     ("view", "output"): ["view", "random", "horizon=5"],
     ("curves", "output"): ["curves", "run"],
     ("safety", "plot"): ["safety", TASK, "--steps", "10", "--num-envs", "2"],
-    ("acceptance", "plot"): ["acceptance", TASK, "--draws", "10"],
 }
 OTHERS = {("train", "output"), ("leaderboard", "results")}
 

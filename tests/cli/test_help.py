@@ -68,5 +68,5 @@ def test_an_argument_is_called_the_same_everywhere() -> None:
     words = {action.metavar or action.dest for action in OPTIONS.values() if action.nargs != 0 and not action.choices}
     assert words == {
         "FILE", "FOLDER", "N", "NAME", "KIND", "KEY=VALUE", "FILE|KEY=VALUE", "SOURCE", "BASELINE", "RUN",
-        "CHECKPOINT", "TEXT", "SECONDS", "DEGREES", "FRAME,COLUMN,ROW,DISTANCE",
+        "CHECKPOINT", "TEXT", "SECONDS", "DEGREES",
     }  # fmt: skip

@@ -67,7 +67,6 @@ def typed(capsys):
         (["validate", CFG, "agent_config.0.name='a b'"], "expected a name without spaces and slashes, got 'a b'"),
         (["safety", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure must end in .png, .pdf, .svg; give such"),
         (["export", "nowhere", "--output", "x.txt"], "x.txt: the name of the policy file must end in .onnx; give"),
-        (["acceptance", CFG, "--plot", "x.xyz"], "x.xyz: the name of the figure must end in"),
         (["baseline", "random", "--effort", "quick"], "--effort is only for the optimiser; remove it for random"),
         (["baseline", "randm"], "there is no baseline 'randm'; did you mean `random`?"),
         (["schema", "experment"], "there is no kind of file 'experment'; did you mean `experiment`?"),
@@ -90,7 +89,6 @@ def test_one_line_says_what_to_do(typed, here, words, shown):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["--missions", "3"], "--missions has been removed; run several with `safe-inspect evaluate"),
         (["--dry-run", "chaser.position=[0, 0, 0]"], "the chaser would overlap the target"),
         (["--dry-run", "target={functor: MeshTarget, config: {path: none.stl, mating_point: [0 m, 0 m, 1 m]}}"],
          "none.stl: the mesh cannot be read"),

@@ -1,21 +1,14 @@
 from __future__ import annotations
 
-import io
 import json
-import math
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
-import numpy as np
 import pytest
 
-from safe_inspect.cli.commands.rendezvous import _MissionLines
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.missions.mission import Mission
 from safe_inspect.missions.record import json_text
-from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous
 
 _FILE = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
@@ -61,11 +54,6 @@ def test_an_episode_of_an_evaluation_is_flown_alone(tmp_path: Path) -> None:
     assert summary == json.loads(json_text(expected))
 
 
-def test_many_missions_are_flown_by_evaluate(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rendezvous", _FILE, "--missions", "20"]) == 2
-    assert f"`safe-inspect evaluate --cfg {_FILE} --episodes 20`" in capsys.readouterr().err
-
-
 def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rendezvous", _FILE, "mission.time_limit=35 s"]) == 1
     lines = capsys.readouterr().err.splitlines()
@@ -83,40 +71,6 @@ def test_what_is_doubtful_is_printed_before_the_flight(capsys: pytest.CaptureFix
         assert "warning: command line: tumble.config.rate=0.08: tumble.config.rate: 0.08 has no unit" in err
     assert main(["validate", _FILE, "chaser.position=[0 m, -0.3 m, 0 m]"]) == 2
     assert "chaser.position: the chaser would overlap the target" in capsys.readouterr().err
-
-
-class _Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def _memory(time: float, problem: str = "") -> Any:
-    """Return the memory of a mission, as far as its progress shows it."""
-    errors = SimpleNamespace(attitude=math.radians(0.5), rate=math.radians(0.02))
-    relative = np.array([0.3, -0.4, 1.2, 7.0, 7.0, 7.0])
-    estimate = SimpleNamespace(problem=problem, errors=errors, relative=relative)
-    return SimpleNamespace(time=time, estimate=estimate, phase=Phase.TRACK)
-
-
-@pytest.mark.parametrize(
-    ("stream", "period", "start", "end"), [(_Terminal, 1.0, "\r", "\x1b[K"), (io.StringIO, 10.0, "", "\n")]
-)
-def test_the_progress_is_one_line_on_a_terminal_and_a_line_every_ten_seconds_elsewhere(
-    stream: type[io.StringIO], period: float, start: str, end: str
-) -> None:
-    output = stream()
-    lines = _MissionLines(output)
-    for time, problem in ((0.0, "not known yet"), (period - 0.1, ""), (period, ""), (2.0 * period - 0.1, "")):
-        lines.step(_memory(time, problem))
-    lines.change(2.5 * period, Phase.TRACK, "arrived", Phase.MP_HOLD)
-    lines.close()
-    shown = [
-        "     0.0 s  TRACK, 1.30 m from the target's centre; not known yet",
-        f"{period:8.1f} s  TRACK, 1.30 m from the target's centre; attitude within 0.5 deg, rate within 0.02 deg/s",
-        f"{2.5 * period:8.1f} s  TRACK -> MP_HOLD (arrived)",
-    ]
-    cleared = "\r\x1b[K" if stream is _Terminal else ""
-    assert output.getvalue() == "".join(f"{start}{line}{end}" for line in shown) + cleared
 
 
 def test_the_missions_before_an_episode_are_looked_at_too(capsys: pytest.CaptureFixture[str]) -> None:

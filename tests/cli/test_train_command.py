@@ -63,14 +63,13 @@ def test_a_search_ends_with_the_table_of_its_trials(here: Path, monkeypatch: pyt
 def test_the_curve_of_a_run_is_drawn_from_its_progress(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(train, "save", lambda figure, target: drawn.append((figure, target)))
-    monkeypatch.setattr(train, "learning_curve_figure", lambda path: ("run", path))
-    monkeypatch.setattr(train, "curves_figure", lambda recipes: ("search", recipes))
+    monkeypatch.setattr(train, "curves_figure", lambda recipes: recipes)
     monkeypatch.setattr(train, "recipes_of", lambda folders: folders)
     assert train._draw_curve(here) == here / "learning_curve.png"
     (here / "progress.csv").write_text("")
     train._draw_curve(here)
     target = here / "learning_curve.png"
-    assert drawn == [(("search", [here]), target), (("run", here / "progress.csv"), target)]
+    assert drawn == [([here], target), ({here.name: [here / "progress.csv"]}, target)]
 
 
 @pytest.mark.parametrize(("words", "output"), [((), Path("output")), (("--output", "elsewhere"), Path("elsewhere"))])

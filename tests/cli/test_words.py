@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from safe_inspect.cli import arguments, common, flights
-from safe_inspect.cli.commands import evaluate, figures, leaderboard, rendezvous
+from safe_inspect.cli.commands import evaluate, figures, leaderboard
 from safe_inspect.cli.common import Parser, parse_arguments, run_command
 from safe_inspect.cli.main import command_parser
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
@@ -46,22 +46,6 @@ def test_numbers_within_their_limits_are_taken_and_no_others(kind: Callable[[str
         with pytest.raises(argparse.ArgumentTypeError) as caught:
             kind(text)
         assert str(caught.value) == f"expected {wanted}, not {text!r}"
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [("1,2,3,0.5", (1, 2, 3, 0.5)), ("0,0,0,-1", (0, 0, 0, -1.0)), ("1,2,3", None), ("1,2,3,4,5", None),
-     ("1,2,x,1", None), ("1,2,3,inf", None), ("1,2,3,nan", None), ("1.5,2,3,4", None), ("", None)],
-)  # fmt: skip
-def test_the_pixel_above_which_a_point_is_picked(text: str, found: tuple[Any, ...] | None) -> None:
-    if found is not None:
-        assert rendezvous._picked(text) == found
-        return
-    with pytest.raises(SafeInspectError) as caught:
-        rendezvous._picked(text)
-    assert str(caught.value) == (
-        f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
-    )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +87,7 @@ def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
         (["evaluate", "a", "--mode"], {"sampled": False}),
         (["evaluate", "a"], {"sampled": None, "num_envs": 512, "workers": None, "record": None, "force": False}),
         (["compare", "a", "b", "--policy", "p", "--policy", "q"], {"policy": ["p", "q"], "record": None}),
-        (["curves", "r", "--recipe", "a", "b", "c"], {"runs": ["r"], "recipe": [["a", "b", "c"]], "each": False}),
+        (["curves", "r", "--label", "a"], {"runs": ["r"], "label": ["a"], "each": False}),
         (["safety", "x.yml", "--audit", "3"], {"audit": 3, "off": False, "steps": 1_000_000, "num_envs": 1024}),
         (["film", "inspector"], {"frames": 200, "fps": 25, "width": 800, "turn": 0.0, "episode": 0, "seed": 0}),
         (["help", "train"], 0),

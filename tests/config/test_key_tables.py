@@ -8,7 +8,7 @@ A table that is changed on purpose is recorded again by
 
 from __future__ import annotations
 
-import dataclasses
+import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -16,21 +16,20 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from pydantic import TypeAdapter
 
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
-from safe_inspect.config.keys.rllib_keys import Key
 
 RECORD = Path(__file__).with_name("key_tables.txt")
 MODULES = (rllib_keys, run_keys, old_keys)
 
 
 def _shown(value: Any) -> str:
-    if not isinstance(value, Key):
+    if isinstance(value, dict):
+        return ", ".join(sorted(value))
+    if isinstance(value, str | tuple | list | bool | int | float):
         return repr(value)
-    given = {field.name: getattr(value, field.name) for field in dataclasses.fields(Key)}
-    default = Key("")
-    shown = [f"{name}={one!r}" for name, one in given.items() if name != "kind" and one != getattr(default, name)]
-    return " ".join([value.kind, *shown])
+    return json.dumps(TypeAdapter(value).json_schema(), sort_keys=True)
 
 
 def _lines(module: ModuleType) -> Iterator[str]:

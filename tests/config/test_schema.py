@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import json
-from typing import ClassVar
+import re
+from typing import Any, ClassVar
 
+import pytest
 from pydantic import BaseModel
 
-from safe_inspect.config.messages.schema import functor_schemas
+from safe_inspect.config.messages.schema import FILES, model_schema
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveLength
@@ -43,9 +45,21 @@ class HoldingTrial(Kind):
         return 0.0
 
 
+def functor_schemas(kind: str) -> dict[str, Any]:
+    """Return the schema of the mapping of each plugin of a kind, by the plugin's name."""
+    schema = model_schema(FILES["platform"])
+    return {found["title"]: found for found in schema["$defs"][f"functor.{kind}"]["anyOf"]}
+
+
 def test_every_plugin_of_the_kind_has_a_schema():
     assert list(functor_schemas("trial_schema")) == ["HoldingTrial", "MeasuredTrial"]
-    assert functor_schemas("nothing") == {}
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_reference_of_a_schema_is_defined(file: str) -> None:
+    schema = model_schema(FILES[file])
+    referenced = set(re.findall(r'"#/\$defs/([^"]+)"', json.dumps(schema)))
+    assert referenced <= set(schema["$defs"])
 
 
 def test_the_mapping_of_a_plugin():
@@ -63,10 +77,7 @@ def test_fields_with_units_and_no_references_out_of_the_schema():
     assert config["additionalProperties"] is False
     assert config["properties"]["radius"]["units"] == "m"
     assert {option["type"] for option in config["properties"]["radius"]["anyOf"]} == {"number", "string", "object"}
-    assert config["properties"]["inner"]["properties"]["depth"]["type"] == "integer"
-    text = json.dumps(schema)
-    assert "$ref" not in text
-    assert "$defs" not in text
+    assert config["properties"]["inner"]["$ref"].startswith("#/$defs/")
 
 
 def test_a_needed_field_may_come_from_a_reference():
@@ -80,6 +91,6 @@ def test_a_needed_field_may_come_from_a_reference():
 def test_what_is_wrapped_is_next_to_the_config():
     schema = functor_schemas("trial_schema")["HoldingTrial"]
     assert schema["required"] == ["functor", "wrapped"]
-    assert schema["properties"]["wrapped"]["type"] == "object"
+    assert schema["properties"]["wrapped"] == {"$ref": "#/$defs/functor.trial_schema"}
     assert "wrapped" not in schema["properties"]["config"].get("properties", {})
     assert "anyOf" not in schema

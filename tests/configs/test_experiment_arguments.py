@@ -11,7 +11,6 @@ import yaml
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
-from safe_inspect.config.keys import rllib_keys
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, plain
 from safe_inspect.config.messages.report import functor_mistakes, message, shown
 from safe_inspect.errors import ConfigError
@@ -199,13 +198,3 @@ def test_the_mistakes_of_a_functor_that_no_file_names_are_one_text() -> None:
     with pytest.raises(PydanticCustomError) as caught:
         build("reward", 3)
     assert functor_mistakes(caught.value) == "a reward must be a mapping with the key `functor`, not 3"
-
-
-def test_the_keys_of_another_release_of_ray_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    listed = rllib_keys._listed()
-    for installed, known in ((listed["ray"], True), (None, True), ("0.1", False)):
-        monkeypatch.setattr(rllib_keys, "_installed", lambda found=installed: found)
-        keys = rllib_keys.keys_of_release("SAC")
-        assert (keys is not None) == known
-        if keys is not None:
-            assert keys == {*listed["every algorithm"], *listed["SAC"]}

@@ -13,9 +13,7 @@ from safe_inspect.glues.normalizers import LinearNormalizer, Normalization, Stan
 from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.platforms.neighbour_sensors import (
-    DeputyScanSensor,
     NearestDeputiesPositionSensor,
-    NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
 from safe_inspect.platforms.point_sensors import InspectedPointsSensor, UninspectedPointsSensor
@@ -88,20 +86,18 @@ _SWITCHED_OFF = Normalization(enabled=False)
         ConstantParameter(value=3.0, units="km"),
         ControllerGlue(controller="X Thrust", normalization=_SWITCHED_OFF),
         ControllerGlue(controller="Y Thrust"),
-        DeputyScanSensor(bins=1, max_range=40.0),
         EntityPositionSensor(entity_name="blue2"),
         InspectedPointsSensor(inspector_entity_name="blue0"),
         InspectedPointsSensor(inspector_entity_name="blue1"),
         InspectionCrashReward(reference_position_sensor_name="reference_position"),
         InspectionDeltaVReward(mode="constant", scale=-0.5, step_size="1 min", mass=6.0),
-        InspectionSimulator(illumination_params=IlluminationParams(bin_ray_flag=False), field_of_view="60 deg"),
+        InspectionSimulator(illumination_params=IlluminationParams(ray_offset=1e-5), field_of_view="60 deg"),
         InspectionSimulator(illumination_params=None, delta_v_scale_bounds=(-0.2, -0.1)),
         LinearNormalizer(minimum=0.0, maximum=10.0),
         MultiagentSuccessDoneFunction(success_function_name="CrashDoneFunction"),
         NearestDeputiesPositionSensor(k=5, max_range="0.1 km"),
-        NearestDeputiesPresenceSensor(k=1, max_range=30.0),
         NearestDeputiesVelocitySensor(k=1),
-        ObserveSensor(sensor="Sensor_DeputyScan", output_units="km", normalization=Normalization()),
+        ObserveSensor(sensor="Sensor_NearestDeputiesPosition", output_units="km", normalization=Normalization()),
         ObserveSensor(sensor="Sensor_NearestDeputiesVelocity", normalization=_OF_TWO),
         ObserveSensor(sensor="Sensor_Position", output_units="km", normalization=_SCALED),
         ObserveSensor(sensor="Sensor_UninspectedPoints"),
@@ -115,7 +111,7 @@ _SWITCHED_OFF = Normalization(enabled=False)
         TruncatedNormalParameter(mu=10.0, std=5.0, low=2.0, high=12.0, units="deg"),
         UniformParameter(low=-1.0, high=4.0, units="mm/s"),
         UninspectedPointsSensor(points_per_cluster=7, max_iterations=3),
-        UninspectedPointsSensor(backend="sklearn", inspector_entity_name="blue0"),
+        UninspectedPointsSensor(inspector_entity_name="blue0"),
     ],
     ids=repr,
 )

@@ -11,9 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_valida
 from safe_inspect.dones.motion import CrashDoneFunction
 from safe_inspect.plugins import SensorName
 from safe_inspect.plugins.functor import functor_field
+from safe_inspect.plugins.plugin import documented_fields
 from safe_inspect.rewards import Reward
 from safe_inspect.testing import check_plugin
-from safe_inspect.testing.contract import documented_fields
 from safe_inspect.units import PositiveAngularRate, PositiveLength
 
 from .making import made

@@ -43,9 +43,9 @@ TASKS = {
             f"{AGENT}.glues.5.config.normalization={{enabled: True}}",
         ),
     ),
-    "weights and another rule of light": (
+    "weights": (
         SINGLE,
-        (*LIVELY, "bin_ray_flag=False", f"{AGENT}.dones.2.config={{weight_threshold: 0.4}}"),
+        (*LIVELY, f"{AGENT}.dones.2.config={{weight_threshold: 0.4}}"),
     ),
     "one constant price": (SINGLE, (*LIVELY, f"{AGENT}.rewards.3.config={{mode: constant, scale: -0.3}}")),
     "three deputies": (TEAM, (*LIVELY, "blue#_ctrl.count=3")),

@@ -10,8 +10,6 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import acceptance
-from safe_inspect.figures.drawing import save
-from safe_inspect.figures.safety_figures import acceptance_figure
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 
@@ -85,13 +83,6 @@ def test_its_accepted_draws_are_the_starts_of_the_environment(name, on):
     np.testing.assert_array_equal(same, first.accepted)
     assert 0 < first.accepted.sum() < 300
     assert ("recoverable" in first.refused) == on
-
-
-def test_the_figure_is_written(found, tmp_path):
-    figure = acceptance_figure(found)
-    assert len(figure.axes) == 4
-    save(figure, tmp_path / "accepted.png")
-    assert (tmp_path / "accepted.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_task_without_a_sampler_is_refused(fixed_start):

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes, Trajectory
-from safe_inspect.evaluation.results.files import (
-    read_evaluation,
-    read_trajectories,
-    sha256,
-    trajectory_table,
-    write_evaluation,
-)
+from safe_inspect.evaluation.packing import save_packed
+from safe_inspect.evaluation.results.files import TRAJECTORIES, read_evaluation, read_trajectories, write_evaluation
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson
@@ -91,10 +85,7 @@ def test_the_figures_are_those_of_the_raw_episodes():
         assert found.agents[name].status.tolist() == [words.get(int(code), "") for code in own.status]
         assert found.agents[name].success_rate == np.mean(own.status == 1)
     assert (found.units["own points"], found.units["inspected"], found.units["spin"]) == ("points", "%", "rad/s")
-    states = found.initial_states
-    for axis, letter in enumerate("xyz"):
-        np.testing.assert_array_equal(states[f"blue/{letter}"], raw.initial_states["position"][:, 1, axis])
-        np.testing.assert_array_equal(states[f"red/v{letter}"], raw.initial_states["velocity"][:, 0, axis])
+    assert found.initial_states is raw.initial_states
 
 
 def test_an_evaluation_comes_back_from_its_folder(tmp_path):
@@ -138,10 +129,8 @@ def flight(seed: int, steps: int, **more) -> Trajectory:
 
 
 def test_recorded_episodes_come_back_from_their_file(tmp_path):
-    from pyarrow import parquet
-
     written = [flight(4, 7, camera=((0.0, 0.6, 0.8), 0.3)), flight(7, 3, docking_radius=2.5)]
-    parquet.write_table(trajectory_table(written), tmp_path / "trajectories.parquet")
+    write_evaluation(dataclasses.replace(Evaluation.of("mine", episodes(), RECORD), trajectories=written), tmp_path)
     for one, other in zip(written, read_trajectories(tmp_path), strict=True):
         for field in dataclasses.fields(Trajectory):
             mine, theirs = getattr(one, field.name), getattr(other, field.name)
@@ -155,63 +144,47 @@ def test_recorded_episodes_come_back_from_their_file(tmp_path):
                 assert mine == theirs, field.name
 
 
-def test_recorded_episodes_that_another_evaluation_wrote_are_refused(tmp_path):
-    from pyarrow import parquet
+def test_arrays_are_named_by_their_paths(tmp_path):
+    written = dataclasses.replace(Evaluation.of("mine", episodes(), RECORD), trajectories=[flight(4, 7)])
+    write_evaluation(written, tmp_path)
+    with np.load(tmp_path / "episodes.npz") as arrays:
+        np.testing.assert_array_equal(arrays["team/figures/length"], written.team.figures["length"])
+        np.testing.assert_array_equal(arrays["agents/red/figures/return"], written.agents["red"].figures["return"])
+        np.testing.assert_array_equal(arrays["agents/red/status"], written.agents["red"].status)
+        np.testing.assert_array_equal(arrays["initial_states/position"], written.initial_states["position"])
+    with np.load(tmp_path / "trajectories.npz") as arrays:
+        np.testing.assert_array_equal(arrays["0/position"], written.trajectories[0].position)
 
-    file = tmp_path / "trajectories.parquet"
-    parquet.write_table(trajectory_table([flight(4, 7)]), file)
-    (tmp_path / "evaluation.json").write_text(json.dumps({"files": {file.name: sha256(file)}}))
+
+def test_recorded_episodes_that_another_evaluation_wrote_are_refused(tmp_path):
+    whole = Evaluation.of("mine", episodes(), RECORD)
+    write_evaluation(dataclasses.replace(whole, trajectories=[flight(4, 7)]), tmp_path)
     assert len(read_trajectories(tmp_path)) == 1
-    parquet.write_table(trajectory_table([flight(5, 7)]), file)
+    save_packed(tmp_path / TRAJECTORIES, (flight(5, 7),))
     with pytest.raises(EvaluationError, match="was damaged or changed after it was written; evaluate again"):
         read_trajectories(tmp_path)
 
 
 def test_damaged_recorded_episodes_are_one_message(tmp_path):
-    from pyarrow import parquet
-
-    table = trajectory_table([flight(4, 7, camera=((0.0, 0.6, 0.8), 0.3))])
-    for damaged in (table.drop_columns(table.column_names[0]), table.replace_schema_metadata({})):
-        parquet.write_table(damaged, tmp_path / "trajectories.parquet")
-        with pytest.raises(EvaluationError, match="the recorded episodes are damaged"):
+    file = tmp_path / TRAJECTORIES
+    save_packed(file, (flight(4, 7, camera=((0.0, 0.6, 0.8), 0.3)),))
+    assert len(read_trajectories(file)) == 1
+    with np.load(file) as arrays:
+        whole = dict(arrays)
+    for damaged in (
+        {name: array for name, array in whole.items() if name != "0/position"},
+        {name: array for name, array in whole.items() if name != "tree"},
+        {**whole, "tree": np.array('{"tuple": 1}')},
+        {**whole, "tree": np.array('{"class": "Other", "fields": {}}')},
+        {**whole, "tree": np.array('{"class": "Trajectory", "fields": 1}')},
+    ):
+        np.savez(file, **damaged)
+        with pytest.raises(EvaluationError, match="the file cannot be read"):
             read_trajectories(tmp_path)
-    (tmp_path / "trajectories.parquet").write_bytes(b"PAR1 damaged")
-    with pytest.raises(EvaluationError, match="the recorded episodes are damaged"):
-        read_trajectories(tmp_path)
-
-
-def test_the_columns_of_recorded_episodes_are_those_that_are_documented():
-    one = flight(7, 4)
-    steps = len(one.control)
-    table = {name: column.to_numpy(zero_copy_only=False) for name, column in _columns_of(trajectory_table([one]))}
-    axes = ("x", "y", "z")
-    expected = {"episode", "step", "deputy", "time", "delta_v", "sun_angle", "inspected", "inspected_own"}
-    expected |= {f"{start}{axis}" for start in ("", "v", "u", "m") for axis in axes}
-    expected |= {f"orientation/{k}" for k in range(8)}  # four numbers of each of two deputies
-    assert set(table) == expected
-    rows = [(step, deputy) for step in range(steps + 1) for deputy in range(2)]
-    assert list(table["step"]) == [step for step, _ in rows]
-    assert list(table["deputy"]) == [one.deputies[deputy] for _, deputy in rows]
-    for row, (step, deputy) in enumerate(rows):
-        assert table["episode"][row] == 7
-        assert table["time"][row] == one.time[step]
-        assert table["sun_angle"][row] == one.sun_angle[step]
-        assert table["delta_v"][row] == one.delta_v[step, deputy]
-        for k, axis in enumerate(axes):
-            assert table[axis][row] == one.position[step, deputy, k]
-            assert table[f"v{axis}"][row] == one.velocity[step, deputy, k]
-            held = one.control[step, deputy] if step < steps else np.full(6, np.nan)
-            np.testing.assert_array_equal(table[f"u{axis}"][row], held[k])
-            np.testing.assert_array_equal(table[f"m{axis}"][row], held[3 + k])
-        for k in range(8):
-            assert table[f"orientation/{k}"][row] == one.orientation[step].reshape(-1)[k]
-        seen = one.inspected_at <= one.time[step]
-        assert table["inspected"][row] == seen.sum()
-        assert table["inspected_own"][row] == (seen & (one.inspector == deputy)).sum()
-
-
-def _columns_of(table):
-    return zip(table.column_names, table.columns, strict=True)
+    for content in (b"", b"PK damaged", file.read_bytes()[:500]):
+        file.write_bytes(content)
+        with pytest.raises(EvaluationError, match="the file cannot be read"):
+            read_trajectories(tmp_path)
 
 
 def evaluation(label: str, figures: dict[str, float], **record) -> Evaluation:
@@ -223,7 +196,6 @@ def evaluation(label: str, figures: dict[str, float], **record) -> Evaluation:
 def test_a_figure_that_one_evaluation_lacks_is_shown_as_missing():
     first, other = evaluation("first", {"delta-v": 3.0}), evaluation("other", {"delta-v": 1.0, "points": 7.0})
     found = compare([first, other])
-    assert found.estimates["points"].keys() == {"other"}
     assert found.differences["points"] == {}
     rows = {line.split()[0]: line.split()[1:3] for line in str(found).splitlines() if line.startswith("  ")}
     (line,) = (line.split() for line in str(found).splitlines() if line.split()[:1] == ["points"])
@@ -264,27 +236,6 @@ def test_episodes_are_paired_one_for_one():
 def test_without_trials_nothing_is_known_of_a_rate():
     found = wilson(0, 0)
     assert np.isnan((found.low, found.high)).all()
-
-
-def _edited(**columns):
-    evaluation = Evaluation.of("mine", episodes(), RECORD)
-    return {**evaluation.columns(), **columns}, evaluation.units
-
-
-@pytest.mark.parametrize(
-    "columns",
-    [
-        {"agent": np.array([], dtype=str), "episode": np.array([], dtype=np.int64)},
-        {"episode": np.arange(2 * COUNT)},
-        {"episode": np.arange(COUNT).repeat(2)[::-1]},
-        {"agent": np.array(["red"] * COUNT + ["blue"] * COUNT)},
-        {"agent": np.array(["red", "blue"] * (COUNT - 1) + ["blue", "red"])},
-    ],
-)
-def test_rows_that_are_not_one_for_each_episode_and_agent_are_refused(columns):
-    table, units = _edited(**columns)
-    with pytest.raises(ValueError, match="expected one row for each episode and agent"):
-        Evaluation.of_columns("mine", table, units, RECORD)
 
 
 def test_a_folder_without_an_evaluation_says_what_to_give(tmp_path):

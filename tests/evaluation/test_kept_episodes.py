@@ -115,7 +115,7 @@ def test_without_a_folder_the_loss_is_reported(capsys, flown):
         (["--num-envs", "3"], "`num_envs`"),
         (["--record", "1"], "`random.recorded`"),
         (["horizon=13"], "`random.task."),
-        (["--metric", "DeltaV"], "`random.metrics`"),
+        (["--metric", "ThrustingSteps"], "`random.metrics`"),
     ],
 )
 def test_other_arguments_are_refused_or_start_again(capsys, flown, change, key):

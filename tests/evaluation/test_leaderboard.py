@@ -69,18 +69,19 @@ def test_decisions_and_team_figures_stand_where_they_are_known():
     found = evaluation(1, length=[100], decisions=[7])
     found.team.figures["delta-v per deputy"] = np.array([0.5])  # type: ignore[index]
     standing = Standing.of_evaluation(FlownRow(source="s", training_steps=9), found, {"environment steps": "5"})
-    assert (standing.decisions, standing.delta_v, standing.training_steps) == (7.0, 0.5, 9)
+    figures = standing.figures
+    assert [figures[name] for name in ("decisions", "delta-v [m/s]", "training steps")] == [7.0, 0.5, 9]
     assert FlownRow(source="untrained", training_steps=0).training_steps == 0
-    assert standing.violations is None
-    assert standing.points is None
+    assert figures["violations"] is None
+    assert figures["points"] is None
 
 
 def test_the_best_stands_first(tmp_path):
     (tmp_path / "boards.yml").write_text(BOARDS)
     rows = [
-        Standing("worse", 0.5, delta_v=0.1),
-        Standing("dear", 0.9, delta_v=0.4),
-        Standing("cheap", 0.9, delta_v=0.2),
+        Standing("worse", {"success": 0.5, "delta-v [m/s]": 0.1}),
+        Standing("dear", {"success": 0.9, "delta-v [m/s]": 0.4}),
+        Standing("cheap", {"success": 0.9, "delta-v [m/s]": 0.2}),
     ]
     page = leaderboard_page(read_leaderboard([tmp_path / "boards.yml"]), [rows], "command")
     places = [page.index(name) for name in ("| cheap", "| dear", "| worse", "| *A \\| B* (arXiv 0000.00000)")]

@@ -172,11 +172,11 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
             return None
 
     for given, kind, words in (
-        ([One], ArgumentError, "a metric must be an object such as InspectedPoints(), got <class"),
+        ([One], ArgumentError, "a metric must be an object such as ThrustingSteps(), got <class"),
         (
             [One(name="a/b")],
             SafeInspectError,
-            "the label 'a/b' of a metric has a slash, which is reserved for columns",
+            "the label 'a/b' of a metric has a slash, which is reserved for reward terms",
         ),
         (
             [One(), One(name="two"), One()],
@@ -224,5 +224,5 @@ def test_a_metric_of_another_package_hides_no_figure_of_the_task(spec: Any) -> N
 
     with pytest.raises(SafeInspectError) as caught:
         rollout(spec, RandomThrust(), 1, seed=0, metrics=[Hiding()])
-    words = "the task already has a figure 'inspected fraction'; give the metric another label"
+    words = "the label 'inspected fraction' is that of a standard figure; choose another label"
     assert str(caught.value) == words

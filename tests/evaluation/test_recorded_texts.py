@@ -38,7 +38,7 @@ def block(seed: int, lacks: str = "") -> Block:
 def evaluation(label: str, seed: int, agents: int = 1, **changes: Any) -> Evaluation:
     """Return a made-up evaluation."""
     own = {f"blue{index}": block(10 * seed + index) for index in range(agents)}
-    begins = {"blue0/x": np.arange(float(EPISODES)), "blue0/vx": np.zeros(EPISODES)}
+    begins = {"position": np.arange(float(EPISODES))[:, None], "velocity": np.zeros((EPISODES, 1))}
     record = {"seed": 3, "task": {"name": "made-up", "mass": 12.0}, "price": 1}
     return replace(Evaluation(label, block(seed), own, UNITS, begins, record), **changes)
 
@@ -98,11 +98,16 @@ def test_an_evaluation_as_numbers_is_that_on_record() -> None:
             "their tasks differ in name, mass, a, ...",
         ),
         (
-            {"initial_states": {"blue1/x": np.zeros(EPISODES)}},
+            {"initial_states": {"position": np.zeros((EPISODES, 2)), "velocity": np.zeros((EPISODES, 2))}},
             "their deputies differ",
         ),
         (
-            {"initial_states": {"blue0/x": np.arange(29.0) % 25, "blue0/vx": np.where(np.arange(29) == 7, 1.0, 0.0)}},
+            {
+                "initial_states": {
+                    "position": (np.arange(29.0) % 25)[:, None],
+                    "velocity": np.where(np.arange(29) == 7, 1.0, 0.0)[:, None],
+                }
+            },
             "5 of their 29 episodes have different initial states (the first is episode 7), as the initial states of "
             "the configurations differ or an enabled filter refuses different ones",
         ),
@@ -155,31 +160,3 @@ def test_columns_are_left_out_one_after_the_other(monkeypatch: pytest.MonkeyPatc
         ["mean", "std", "min", "unit"],
         ["a", "1", "22", "333", "m"],
     ]
-
-
-def test_rows_come_back_from_columns() -> None:
-    whole = evaluation("one", 6, agents=3, causes=causes())
-    table = whole.columns()
-    again = Evaluation.of_columns("one", table, UNITS, whole.record)
-    assert list(table)[:3] == ["episode", "agent", "status"]
-    np.testing.assert_array_equal(table["episode"], np.repeat(np.arange(EPISODES), 3))
-    assert table["agent"].tolist() == ["blue0", "blue1", "blue2"] * EPISODES
-    for name, agent in whole.agents.items():
-        np.testing.assert_array_equal(again.agents[name].status, agent.status)
-        for figure, values in agent.figures.items():
-            np.testing.assert_array_equal(again.agents[name].figures[figure], values)
-            place = list(whole.agents).index(name)
-            np.testing.assert_array_equal(table[figure][place::3], values)
-    np.testing.assert_array_equal(again.team.status, whole.team.status)
-    np.testing.assert_array_equal(again.causes, whole.causes)
-    assert again.team.figures.keys() == whole.team.figures.keys()
-    assert again.initial_states.keys() == whole.initial_states.keys()
-    for name in ("blue0/x", "blue0/vx"):
-        np.testing.assert_array_equal(again.initial_states[name], whole.initial_states[name])
-    order = np.arange(3 * EPISODES)
-    order[[0, 4]] = 4, 0
-    for wrong in ("episode", "agent"):
-        with pytest.raises(ValueError, match=r"^expected one row for each episode and agent, sorted by episode$"):
-            Evaluation.of_columns("one", {**table, wrong: table[wrong][order]}, UNITS, {})
-    with pytest.raises(ValueError, match=r"^expected one row for each episode and agent, sorted by episode$"):
-        Evaluation.of_columns("one", {name: values[:0] for name, values in table.items()}, UNITS, {})

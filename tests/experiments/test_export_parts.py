@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from model_cards import CardData, model_card
 from random_checkpoint import LEVELS, discrete, experiment_of, scaled
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.policy_file import element_columns
-from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
 from safe_inspect.experiments.settings.policies import policy_info
 from safe_inspect.version import __version__
@@ -208,9 +208,9 @@ red: success 100.0 % (95 % interval 90 to 100 %; win 1).
 
 
 def test_the_text_of_a_model_card(monkeypatch: pytest.MonkeyPatch) -> None:
-    from safe_inspect.experiments.export import shipping
+    import model_cards
 
-    monkeypatch.setattr(shipping, "_PACKAGES", ("numpy",))
+    monkeypatch.setattr(model_cards, "_PACKAGES", ("numpy",))
     exported = f"{date.today()} by safe_inspect {__version__}, numpy {np.__version__}"
     assert model_card(CARD, TRAINING, [FILE]).startswith(TEXT.replace("{exported}", exported))
     bare = model_card(dataclasses.replace(CARD, evaluations={}, seeds=(), limits=()), {}, [])

@@ -295,7 +295,7 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
             check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
 
 
-def test_a_checkpoint_gives_its_policy_or_a_fresh_one_of_its_make(checkpoint: Path, continuous: Any) -> None:
+def test_a_checkpoint_gives_its_policy(checkpoint: Path, continuous: Any) -> None:
     saved = make_module(continuous.spec.agents[0], seed=4)
     found = policy.trained_policy(checkpoint, "default_policy", sampled=True, seed=7)
     assert (found.sampled, found.seed, found.recurrent) == (True, 7, False)
@@ -305,10 +305,6 @@ def test_a_checkpoint_gives_its_policy_or_a_fresh_one_of_its_make(checkpoint: Pa
     with torch.no_grad():
         wanted = saved.forward_inference({Columns.OBS: torch.from_numpy(seen)})[Columns.ACTION_DIST_INPUTS]
     np.testing.assert_allclose(found.inputs(seen), wanted, atol=1e-6)
-    one, same, other = (policy.untrained_policy(checkpoint, seed, "default_policy").inputs(seen) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one, same)
-    assert (one != other).any()
-    assert np.abs(one - found.inputs(seen)).max() > 1e-3
     with pytest.raises(CheckpointError, match="another"):
         policy.trained_policy(checkpoint, "another")
 

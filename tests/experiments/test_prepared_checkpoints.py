@@ -133,7 +133,6 @@ def open_all(folder):
         frozen_spec,
         policy_spec,
         trained_policy,
-        untrained_policy,
     )
     from safe_inspect.experiments.modules.sources import open_source
 
@@ -142,7 +141,6 @@ def open_all(folder):
     observation = np.linspace(-1.0, 1.0, 22, dtype=np.float32).reshape(2, 11)
     wanted = policies[spec.agents[0].name].inputs(observation)
     np.testing.assert_array_equal(trained_policy(checkpoint).inputs(observation), wanted)
-    assert not np.array_equal(untrained_policy(checkpoint, 3).inputs(observation), wanted)
     frozen = frozen_spec(PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(checkpoint))).build()
     assert isinstance(frozen, FrozenPolicy)
     model = {"fcnet_hiddens": [32, 32], "fcnet_activation": "tanh", "vf_share_layers": False}

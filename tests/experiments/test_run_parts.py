@@ -204,10 +204,10 @@ def test_tune_searches_the_number_of_the_trial_alone() -> None:
     assert type(found["c"].sampler).__name__ == "_LogUniform"
 
 
-def test_a_searcher_gets_known_figures_alone() -> None:
+def test_a_searcher_gets_known_figures_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     from ray.tune.search import Searcher
 
-    from safe_inspect.experiments.runs.tune_objects import Suggestions, making
+    from safe_inspect.experiments.runs.tune_objects import Suggestions
 
     class Noting(Searcher):
         calls: list[Any] = []  # noqa: RUF012
@@ -231,10 +231,11 @@ def test_a_searcher_gets_known_figures_alone() -> None:
 
     own = Noting()
     found = Suggestions(own, {"lr": {"uniform": [0, 1]}}, "m", "max")
-    with making(lambda number, values: {**values, "env_config": {"number": number}}):
-        assert found.suggest("one") == {"lr": 1, "env_config": {"number": 0, "trial": 0}}
-        assert (found.suggest("two"), found.suggest("three")) == (None, Searcher.FINISHED)
-        assert found.suggest("one")["env_config"] == {"number": 1, "trial": 1}
+    make: Any = lambda number, values: {**values, "env_config": {"number": number}}  # noqa: E731
+    monkeypatch.setattr(Suggestions, "make", make, raising=False)
+    assert found.suggest("one") == {"lr": 1, "env_config": {"number": 0, "trial": 0}}
+    assert (found.suggest("two"), found.suggest("three")) == (None, Searcher.FINISHED)
+    assert found.suggest("one")["env_config"] == {"number": 1, "trial": 1}
     assert found.get_state() == {"count": 2}
     found.set_state({"count": 7})
     assert found.get_state() == {"count": 7}

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_cards import CardData, model_card
 from random_checkpoint import TEAM, experiment_of, make_module, save_run, single_run
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.outputs import MARKER
 
 pytest.importorskip("onnx")
@@ -40,7 +40,7 @@ def run(tmp_path_factory):
 @pytest.fixture(scope="module")
 def shelf(run, tmp_path_factory):
     """Return a folder with one shipped policy."""
-    from safe_inspect.experiments.export.shipping import evaluation_content, ship
+    from model_cards import evaluation_content, ship
 
     root = tmp_path_factory.mktemp("trained")
     (root / "evaluation.json").write_text(json.dumps(EVALUATION))
@@ -135,7 +135,7 @@ def test_a_card_of_a_team_has_a_table_for_each_agent():
 
 
 def test_a_team_has_a_file_for_each_policy(tmp_path):
-    from safe_inspect.experiments.export.shipping import ship
+    from model_cards import ship
 
     experiment = experiment_of(path=TEAM, overrides=("horizon=20",))
     agents = experiment.spec.agents
@@ -149,7 +149,7 @@ def test_a_team_has_a_file_for_each_policy(tmp_path):
 
 
 def test_mistakes(run, shelf, tmp_path):
-    from safe_inspect.experiments.export.shipping import evaluation_content, ship
+    from model_cards import evaluation_content, ship
 
     before = sorted(shelf.rglob("*"))
     with pytest.raises(OutputError, match="one-deputy: the folder exists already"):

@@ -10,7 +10,6 @@ import yaml
 
 from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys import rllib_keys
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
@@ -89,22 +88,26 @@ def test_nets_are_separate_unless_asked():
         ({"gama": 0.9}, "rllib_configs.gama", "did you mean `gamma`?"),
         ({"sgd_minibatch_siz": 9}, "rllib_configs.sgd_minibatch_siz", "did you mean `sgd_minibatch_size`?"),
         ({"model": {"fcnet_hidens": [4]}}, "rllib_configs.model.fcnet_hidens", "did you mean `fcnet_hiddens`?"),
-        ({"gamma": 1.5}, "rllib_configs.gamma", "1.5 is too large; the greatest is 1"),
-        ({"num_epochs": 0}, "rllib_configs.num_epochs", "0 is too small; the least is 1"),
-        ({"num_epochs": 10**20}, "rllib_configs.num_epochs", "is too large; the greatest is 2147483647"),
-        ({"seed": 2**32}, "rllib_configs.seed", "4294967296 is too large; the greatest is 4294967295"),
-        ({"lr": float("inf")}, "rllib_configs.lr", "inf is too large"),
-        ({"kl_coeff": float("inf")}, "rllib_configs.kl_coeff", "inf is too large"),
-        ({"num_epochs": 2.5}, "rllib_configs.num_epochs", "not a whole number"),
-        ({"num_epochs": True}, "rllib_configs.num_epochs", "a whole number is expected, not True"),
-        ({"use_gae": "yes"}, "rllib_configs.use_gae", "true or false is expected"),
+        ({"gamma": 1.5}, "rllib_configs.gamma", "expected a number of 1 or less, got 1.5"),
+        ({"num_epochs": 0}, "rllib_configs.num_epochs", "expected a number of 1 or more, got 0"),
+        ({"num_epochs": 10**20}, "rllib_configs.num_epochs", "expected a number of 2147483647 or less"),
+        ({"seed": 2**32}, "rllib_configs.seed", "expected a number of 4294967295 or less"),
+        ({"lr": float("inf")}, "rllib_configs.lr", "expected a finite number"),
+        ({"kl_coeff": float("inf")}, "rllib_configs.kl_coeff", "expected a finite number"),
+        ({"num_epochs": 2.5}, "rllib_configs.num_epochs", "expected a whole number, got 2.5"),
+        ({"num_epochs": True}, "rllib_configs.num_epochs", "expected a whole number, got 'True'"),
+        ({"use_gae": "yes"}, "rllib_configs.use_gae", "expected `true` or `false`"),
         ({"lr": [[5, 0.1], [9, 0.2]]}, "rllib_configs.lr", "begin with step 0"),
-        ({"lr": "fast"}, "rllib_configs.lr", "a number, or a list of pairs"),
-        ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "use one of `truncate_episodes`, `complete_episodes`"),
+        ({"lr": "fast"}, "rllib_configs.lr", "expected a number or a list"),
+        ({"batch_mode": "complete"}, "rllib_configs.batch_mode", "expected 'truncate_episodes' or 'complete_episodes'"),
         ({"framework": "tf2"}, "rllib_configs.framework", "only `torch` is supported"),
         ({"observation_filter": "MeanStdFilter"}, "rllib_configs.observation_filter", "`normalization` in the glues"),
         ({"env": "CartPole-v1"}, "rllib_configs.env", "cannot be set here"),
-        ({"callbacks_on_episode_end": "x"}, "rllib_configs.callbacks_on_episode_end", "cannot be set here"),
+        (
+            {"callbacks_class": "x"},
+            "rllib_configs.callbacks_class",
+            "cannot be set here: give your class as `callbacks`",
+        ),
         ({"num_workers": 1, "num_env_runners": 2}, "rllib_configs.num_env_runners", "the same key, given twice"),
         (
             {"algorithm": "SAC", "model_config": {"use_lstm": True}},
@@ -127,7 +130,7 @@ def test_nets_are_separate_unless_asked():
         (
             {"model_config": {"fcnet_hiddens": 64}},
             "rllib_configs.model_config.fcnet_hiddens",
-            "a list of whole numbers",
+            "expected a list, got 64",
         ),
         (
             {"model_config": {"fcnet_activation": {"grid_search": ["tanh", "relu"]}}},
@@ -161,7 +164,9 @@ def test_default_minibatch_fits_a_small_batch():
 def test_searched_values_are_checked_one_by_one():
     good = translate_rllib({"lr": {"grid_search": [1e-4, "1e-3"]}})
     assert good.settings["lr"] == {"grid_search": [1e-4, 1e-3]}
-    assert "too large" in paths(translate_rllib({"gamma": {"grid_search": [0.9, 2.0]}}))["rllib_configs.gamma"]
+    assert (
+        "a number of 1 or less" in paths(translate_rllib({"gamma": {"grid_search": [0.9, 2.0]}}))["rllib_configs.gamma"]
+    )
 
 
 def test_keys_of_another_algorithm_wait_for_ray():
@@ -172,16 +177,10 @@ def test_keys_of_another_algorithm_wait_for_ray():
 
 
 @pytest.mark.parametrize(("algorithm", "key", "meant"), [("SAC", "taus", "tau"), ("APPO", "vtrase", "vtrace")])
-def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, key, meant, monkeypatch):
+def test_a_key_that_an_algorithm_does_not_have_is_found_without_ray(algorithm, key, meant):
     (problem,) = translate_rllib({"algorithm": algorithm, key: 0.25}).problems
     assert problem.message == f"there is no key `{key}`"
     assert f"`{meant}`" in problem.hint
-    monkeypatch.setattr(rllib_keys, "_installed", lambda: "3.0.0")  # whose names only the loaded Ray knows
-    found = translate_rllib({"algorithm": algorithm, key: 0.25})
-    assert found.settings[key] == 0.25
-    assert not found.problems
-    monkeypatch.setattr(rllib_keys, "_installed", lambda: None)
-    assert translate_rllib({"algorithm": algorithm, key: 0.25}).problems
 
 
 def test_tune_names_the_algorithm_and_must_agree():
@@ -228,7 +227,11 @@ def test_old_tune_settings():
     ("mapping", "path", "text"),
     [
         ({"stop": {"sucess_rate": 1}}, "tune_config.stop.sucess_rate", "did you mean `success_rate`?"),
-        ({"stop": {"training_iteration": "many"}}, "tune_config.stop.training_iteration", "a number is expected"),
+        (
+            {"stop": {"training_iteration": "many"}},
+            "tune_config.stop.training_iteration",
+            "expected a number, got 'many'",
+        ),
         (
             {"stop": {"timesteps_total": 1, "num_env_steps_sampled": 2}},
             "tune_config.stop.num_env_steps_sampled",
@@ -237,10 +240,14 @@ def test_old_tune_settings():
         ({"checkpoint_frq": 1}, "tune_config.checkpoint_frq", "did you mean `checkpoint_freq`?"),
         ({"restore": "/some/where"}, "tune_config.restore", "--resume RUN_FOLDER"),
         ({"scheduler": "asha"}, "tune_config.scheduler", "a dotted path"),
-        ({"search_alg": "optuna"}, "tune_config.search_alg", "`{functor: module.Class, config: {...}}`"),
-        ({"num_samples": 0}, "tune_config.num_samples", "the least is 1"),
-        ({"stop": {"training_iteration": -5}}, "tune_config.stop.training_iteration", "-5 is too small"),
-        ({"stop": {"timesteps_total": 0}}, "tune_config.stop.timesteps_total", "0 is too small; the least is 1"),
+        ({"search_alg": "optuna"}, "tune_config.search_alg", "a dotted path `module.Class`, got 'optuna'"),
+        ({"num_samples": 0}, "tune_config.num_samples", "expected a number of 1 or more"),
+        (
+            {"stop": {"training_iteration": -5}},
+            "tune_config.stop.training_iteration",
+            "expected a number of 1 or more, got -5",
+        ),
+        ({"stop": {"timesteps_total": 0}}, "tune_config.stop.timesteps_total", "expected a number of 1 or more, got 0"),
     ],
 )
 def test_mistakes_of_tune(mapping, path, text):
@@ -288,9 +295,8 @@ def test_the_stock_runner_takes_over_with_one_note(mapping, reason):
 def test_the_runner_is_batched_unless_asked():
     assert translate_rllib({}).settings["env_runner"] == "batched"
     assert translate_rllib({"env_runner": "stock"}).settings["env_runner"] == "stock"
-    assert (
-        "use one of `batched`, `stock`" in paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
-    )
+    wrong = paths(translate_rllib({"env_runner": "batch"}))["rllib_configs.env_runner"]
+    assert "expected 'batched' or 'stock'" in wrong
     searched = translate_rllib({"env_runner": {"grid_search": ["batched", "stock"]}})
     assert "give one" in paths(searched)["rllib_configs.env_runner"]
 
@@ -353,7 +359,8 @@ def test_a_training_that_nothing_ends_is_noted():
 
 @pytest.mark.parametrize("key", ["clip_param", "vf_clip_param"])
 def test_a_clip_that_leaves_no_gradient_is_refused(key):
-    assert [problem.message for problem in translate_rllib({key: 0}).problems] == ["0 is too small; the least is 1e-06"]
+    (problem,) = translate_rllib({key: 0}).problems
+    assert problem.message == "expected a number of 1e-06 or more, got 0"
 
 
 @pytest.mark.parametrize("key", ["initial_weights", "fcnet_hiddens"])

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from safe_inspect.figures import curves_figure, learning_curve_figure
+from safe_inspect.figures import curves_figure
 
 pytest.importorskip("matplotlib")
 
@@ -85,12 +85,3 @@ def test_the_lines_and_bands_of_several_seeds(runs, kind):
             (low, high), found = interval_bounds(values, kind), edges[round(grid[place], 9)]
             assert low[0] - 1e-9 <= min(found) <= low[1] + 1e-9
             assert high[0] - 1e-9 <= max(found) <= high[1] + 1e-9
-
-
-def test_the_lines_of_one_training(runs):
-    file, steps, values = runs[0]
-    figure = learning_curve_figure(file)
-    for axes, factor, column in zip(figure.axes, FACTORS, values, strict=True):
-        (line,) = axes.get_lines()
-        np.testing.assert_allclose(line.get_xdata(), steps / 1000.0)
-        np.testing.assert_allclose(line.get_ydata(), factor * column)

@@ -202,13 +202,10 @@ def test_a_task_without_points_to_inspect_is_said_so(tmp_path):
     write_run(tmp_path / "run", [])
     rows = [HEADER, "0,1000,0.1,0.1,nan,0.1", "1,2000,0.2,0.2,nan,0.2"]
     (tmp_path / "run" / "progress.csv").write_text("\n".join(rows))
-    for figure in (
-        curves_figure(recipes_of([tmp_path / "run"])),
-        learning_curves.learning_curve_figure(tmp_path / "run/progress.csv"),
-    ):
-        found = {axes.get_ylabel(): [text.get_text() for text in axes.texts] for axes in figure.axes}
-        assert found["inspected [%]"] == ["not in this task"]
-        assert sum(map(len, found.values())) == 1
+    figure = curves_figure(recipes_of([tmp_path / "run"]))
+    found = {axes.get_ylabel(): [text.get_text() for text in axes.texts] for axes in figure.axes}
+    assert found["inspected [%]"] == ["not in this task"]
+    assert sum(map(len, found.values())) == 1
 
 
 def test_wrong_runs_are_one_message(tmp_path):

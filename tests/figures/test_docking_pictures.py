@@ -12,7 +12,8 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation.results.files import read_trajectories, trajectory_table
+from safe_inspect.evaluation.packing import save_packed
+from safe_inspect.evaluation.results.files import read_trajectories
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.figures.film import Film, moment
 from safe_inspect.figures.page import episode_page
@@ -47,11 +48,9 @@ def test_a_docking_is_filmed_and_viewed(tmp_path, capsys):
 
 
 def test_the_docking_region_is_recorded_and_read_back(docked, tmp_path):
-    from pyarrow import parquet
-
     assert docked.docking_radius == 0.5
     assert docked.range[-1, 0] <= 0.5
-    parquet.write_table(trajectory_table([docked]), tmp_path / "trajectories.parquet")
+    save_packed(tmp_path / "trajectories.npz", (docked,))
     (again,) = read_trajectories(tmp_path)
     assert again.docking_radius == 0.5
 

@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.dones import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.rollouts import record_episode
-from safe_inspect.figures import learning_curve_figure, save, trajectory_figure
+from safe_inspect.figures import curves_figure, save, trajectory_figure
 from safe_inspect.figures.drawing import reach_of, speed_limit_of
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.policies import ZeroThrust
@@ -71,13 +71,14 @@ def test_the_points_are_coloured_by_the_time_of_their_inspection(flown):
     assert front == len(flown.points)
 
 
-def test_the_colours_of_a_long_episode_use_one_unit_of_time_in_all_views(flown):
+def test_the_colours_of_a_long_episode_use_one_unit_of_time(flown):
     long = dataclasses.replace(flown, time=flown.time * 300.0, inspected_at=flown.inspected_at * 300.0)
     assert long.time[-1] > 86_400.0
     figure = trajectory_figure(long)
     colours = {
         round(float(c), 9)
-        for dots in figure.axes[0].collections
+        for axes in figure.axes[1:3]  # the chief from both sides
+        for dots in axes.collections
         if dots.get_array() is not None
         for c in dots.get_array()
     }
@@ -168,11 +169,11 @@ def test_a_learning_curve_renders_what_is_known(tmp_path):
     path.write_text(
         "\n".join([HEADER + ",evaluation_return_mean", *(f"{row},nan" for row in rows[:2]), rows[2] + ",0.9"])
     )
-    figure = learning_curve_figure(path)
-    curve = figure.axes[0].get_lines()[0]
-    np.testing.assert_allclose(curve.get_xdata(), [8.0, 12.0])  # thousands of steps
-    np.testing.assert_allclose(curve.get_ydata(), [0.5, 0.7])
-    np.testing.assert_allclose(figure.axes[0].get_lines()[1].get_ydata(), [0.9])
+    figure = curves_figure({"run": [path]})
+    evaluated, curve = figure.axes[0].get_lines()
+    np.testing.assert_allclose(curve.get_xdata()[[0, -1]], [8.0, 12.0])  # thousands of steps
+    np.testing.assert_allclose(curve.get_ydata()[[0, -1]], [0.5, 0.7])
+    np.testing.assert_allclose(evaluated.get_ydata(), [np.nan, np.nan, 0.9])
     np.testing.assert_allclose(figure.axes[2].get_lines()[0].get_ydata(), [40.0])
     assert figure.axes[3].get_xlabel() == "environment steps [thousands]"
     save(figure, tmp_path / "curve.png")
@@ -196,7 +197,7 @@ def test_a_wrong_progress_file_is_one_message(tmp_path, text, message):
     if text is not None:
         path.write_text(text)
     with pytest.raises(SafeInspectError, match=message):
-        learning_curve_figure(path)
+        curves_figure({"run": [path]})
 
 
 def test_without_matplotlib_the_message_says_what_to_install(flown, monkeypatch):

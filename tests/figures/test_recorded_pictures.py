@@ -29,8 +29,8 @@ from safe_inspect.evaluation.missions import mission_episode
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.rollouts import record_episode, rollout
-from safe_inspect.evaluation.safety_report import acceptance, safety_report
-from safe_inspect.figures import curves_figure, learning_curve_figure, trajectory_figure
+from safe_inspect.evaluation.safety_report import safety_report
+from safe_inspect.figures import curves_figure, trajectory_figure
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.page import episode_page
 from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
@@ -38,7 +38,7 @@ from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.figures.rendezvous.mission_figure import mission_figure
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data
-from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
+from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.missions.log_estimate import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.missions.sensor_log import TRUTH_COLUMNS
 from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust
@@ -114,7 +114,7 @@ def turned():
 def filtered():
     glue = "agent_config.blue0_ctrl.config.config.glues.0.config"
     task = configs_root() / "translational-inspection" / "experiment-seed.yml"
-    return load_experiment(task, (f"{glue}.enabled=True", f"{glue}.method=simplex")).spec
+    return load_experiment(task, (f"{glue}.enabled=True",)).spec
 
 
 @pytest.fixture(scope="module")
@@ -221,11 +221,9 @@ PICTURES: dict[str, Callable[[Callable[[str], Any]], list[Any]]] = {
             ),
         )
     ),
-    "learning curve": lambda get: entries(learning_curve_figure(get("progress")[0])),
     "curves": lambda get: entries(
         curves_figure({"one": get("progress")[:2], "other": get("progress")[2:]}, "mean", each=True)
     ),
-    "acceptance": lambda get: entries(acceptance_figure(acceptance(get("spec"), 300, seed=2))),
     "safety": lambda get: entries(safety_figure(safety_report(get("filtered"), 300, 30, seed=3))),
 }
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from safe_inspect.geometry.light import Light, full_light
 from safe_inspect.geometry.visibility import Credit, Scores, Surface, inspect_body
 
 
 def visible(
-    viewer: np.ndarray, points: np.ndarray, radius: float, cos_half_fov: float, light: Light | None = None
+    viewer: np.ndarray, points: np.ndarray, radius: float, cos_half_fov: float, terminator: float = -math.inf
 ) -> np.ndarray:
     """Return which points each viewer, shape (R, 3), is credited with if it is alone, shape (R, P).
 
@@ -19,7 +20,7 @@ def visible(
     credit = Credit(np.full((rows, count), -1, np.int8), np.zeros(rows, np.int64), np.zeros((rows, 1), np.int64))
     scores = Scores(np.ones((rows, count)), np.zeros(rows), np.zeros((rows, 1)))
     position = np.stack((viewer, np.zeros_like(viewer)), axis=1)
-    surface = Surface(np.ascontiguousarray(points), radius, full_light() if light is None else light)
+    surface = Surface(np.ascontiguousarray(points), radius, terminator)
     active, sun = np.ones((rows, 1), np.bool_), np.tile([0.0, 0.0, -1.0], (rows, 1))
     inspect_body(position, 1, sun, surface, cos_half_fov, active, credit, scores)
     seen = credit.inspector == 0

@@ -11,16 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_inspect.geometry import visibility
-from safe_inspect.geometry.light import Light, binary_light, full_light, phong_light
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.geometry.visibility import Scores, Surface, inspect_body, lit
+from safe_inspect.geometry.visibility import Scores, Surface, inspect_body, lit, terminator_height
 
 from .sight import visible
 
 R = 10.0
 POINTS = sphere_points("cmu", 100, R)
 P = len(POINTS)
-LIGHTS = [binary_light(R), binary_light(R, 1e-5), phong_light(R), full_light()]
+TERMINATORS = [terminator_height(R), terminator_height(R, 1e-5), -math.inf]
 FIELDS = [-1.0, math.cos(0.12)]
 
 
@@ -34,7 +33,7 @@ class Credit:
 def inspect(
     viewer: np.ndarray,
     sun: np.ndarray,
-    light: Light,
+    terminator: float,
     cos_half_fov: float = -1.0,
     active: np.ndarray | None = None,
     inspector: np.ndarray | None = None,
@@ -46,7 +45,7 @@ def inspect(
     written = visibility.Credit(inspector, credit.team, credit.own)
     position = np.concatenate((viewer, np.zeros((rows, 1, 3))), axis=1)
     scores = Scores(np.full((rows, P), 1.0 / P), np.zeros(rows), np.zeros((rows, count)))
-    inspect_body(position, count, sun, Surface(POINTS, R, light), cos_half_fov, active, written, scores)
+    inspect_body(position, count, sun, Surface(POINTS, R, terminator), cos_half_fov, active, written, scores)
     np.testing.assert_allclose(scores.team, np.maximum(credit.team, 0) / P)
     np.testing.assert_allclose(scores.own, np.maximum(credit.own, 0) / P)
     return credit
@@ -61,12 +60,12 @@ def scene(seed: int, rows: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def expected_inspector(
-    viewer: np.ndarray, sun: np.ndarray, light: Light, field: float, active: np.ndarray, before: np.ndarray
+    viewer: np.ndarray, sun: np.ndarray, terminator: float, field: float, active: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
     result = before.copy()
     for d in reversed(range(viewer.shape[1])):  # the first viewer writes last
         own = np.ascontiguousarray(viewer[:, d])
-        seen = visible(own, POINTS, R, field) & lit(own, sun, POINTS, R, light) & active[:, d, None]
+        seen = visible(own, POINTS, R, field) & lit(sun, POINTS, terminator) & active[:, d, None]
         result[seen & (before < 0)] = d
     return result
 
@@ -74,27 +73,27 @@ def expected_inspector(
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(1, 4),
-    light=st.sampled_from(LIGHTS),
+    terminator=st.sampled_from(TERMINATORS),
     field=st.sampled_from(FIELDS),
 )
 @settings(max_examples=60, deadline=None)
-def test_first_viewer_that_sees_a_lit_point_has_it(seed: int, count: int, light: Light, field: float) -> None:
+def test_first_viewer_that_sees_a_lit_point_has_it(seed: int, count: int, terminator: float, field: float) -> None:
     viewer, sun = scene(seed, 5, count)
     rng = np.random.default_rng(seed)
     active = rng.random((5, count)) < 0.8
     before = np.where(rng.random((5, P)) < 0.3, rng.integers(0, count, (5, P)), -1).astype(np.int8)
-    credit = inspect(viewer, sun, light, field, active, before)
-    assert np.array_equal(credit.inspector, expected_inspector(viewer, sun, light, field, active, before))
+    credit = inspect(viewer, sun, terminator, field, active, before)
+    assert np.array_equal(credit.inspector, expected_inspector(viewer, sun, terminator, field, active, before))
     assert np.array_equal(credit.team, (credit.inspector >= 0).sum(axis=1))
     assert np.array_equal(credit.own, (credit.inspector[:, :, None] == np.arange(count)).sum(axis=1))
 
 
 def test_two_at_one_place_the_first_is_credited() -> None:
     viewer, sun = np.array([[[60.0, 0.0, 0.0], [60.0, 0.0, 0.0]]]), np.array([[1.0, 0.0, 0.0]])
-    credit = inspect(viewer, sun, LIGHTS[0])
+    credit = inspect(viewer, sun, TERMINATORS[0])
     assert credit.own[0, 0] == credit.team[0] > 30
     assert credit.own[0, 1] == 0
-    second = inspect(viewer, sun, LIGHTS[0], active=np.array([[False, True]]))
+    second = inspect(viewer, sun, TERMINATORS[0], active=np.array([[False, True]]))
     assert second.own.tolist() == [[0, credit.team[0]]]
 
 
@@ -107,14 +106,14 @@ def test_lune_between_sun_and_viewer(degrees: float, part: float) -> None:
     side -= (side * sun).sum(axis=1, keepdims=True) * sun
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     angle = math.radians(degrees)
-    counts = inspect(1e6 * (math.cos(angle) * sun + math.sin(angle) * side)[:, None], sun, LIGHTS[0]).team
+    counts = inspect(1e6 * (math.cos(angle) * sun + math.sin(angle) * side)[:, None], sun, TERMINATORS[0]).team
     assert counts.mean() == pytest.approx(part * P, abs=0.4)
     assert abs(counts - part * P).max() <= 5
 
 
-@pytest.mark.parametrize("light", LIGHTS[:2])
+@pytest.mark.parametrize("terminator", TERMINATORS[:2])
 @pytest.mark.parametrize("field", [-1.0, math.cos(0.15)])
-def test_horizon_and_terminator_to_the_edge(light: Light, field: float) -> None:
+def test_horizon_and_terminator_to_the_edge(terminator: float, field: float) -> None:
     point = POINTS[40]
     normal = point / R
     side = np.cross(normal, [0.0, 0.0, 1.0])
@@ -124,9 +123,9 @@ def test_horizon_and_terminator_to_the_edge(light: Light, field: float) -> None:
         """Inspect with the sun and the viewer at these cosines from the point's normal."""
         sun = at_sun * normal + math.sqrt(1.0 - at_sun**2) * side
         viewer = 80.0 * (at_viewer * normal - math.sqrt(1.0 - at_viewer**2) * side)
-        return bool(inspect(viewer[None, None], sun[None], light, field).inspector[0, 40] == 0)
+        return bool(inspect(viewer[None, None], sun[None], terminator, field).inspector[0, 40] == 0)
 
-    edge, horizon = light.threshold, R / 80.0
+    edge, horizon = terminator / R, R / 80.0
     assert has(edge + 1e-9, 0.5)
     assert not has(edge - 1e-9, 0.5)
     assert has(edge + 1e-9, horizon + 1e-9)
@@ -135,32 +134,32 @@ def test_horizon_and_terminator_to_the_edge(light: Light, field: float) -> None:
 
 def test_inspected_is_for_good() -> None:
     viewer, sun = scene(1, 3, 2)
-    first = inspect(viewer, sun, LIGHTS[0])
-    later = inspect(-viewer[:, ::-1].copy(), -sun, LIGHTS[0], inspector=first.inspector)
+    first = inspect(viewer, sun, TERMINATORS[0])
+    later = inspect(-viewer[:, ::-1].copy(), -sun, TERMINATORS[0], inspector=first.inspector)
     kept = first.inspector >= 0
     assert np.array_equal(later.inspector[kept], first.inspector[kept])
     assert (later.team >= first.team).all()
     assert later.team.sum() > first.team.sum()
 
 
-@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("terminator", TERMINATORS)
 @pytest.mark.parametrize("field", FIELDS)
-def test_a_row_alone_is_the_same_to_the_bit(light: Light, field: float) -> None:
+def test_a_row_alone_is_the_same_to_the_bit(terminator: float, field: float) -> None:
     viewer, sun = scene(7, 40, 3)
-    whole = inspect(viewer, sun, light, field)
+    whole = inspect(viewer, sun, terminator, field)
     for row in range(40):
         one = slice(row, row + 1)
-        alone = inspect(viewer[one], sun[one], light, field)
+        alone = inspect(viewer[one], sun[one], terminator, field)
         assert np.array_equal(alone.inspector[0], whole.inspector[row])
         assert np.array_equal(alone.own[0], whole.own[row])
         assert alone.team[0] == whole.team[row]
 
 
-@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("terminator", TERMINATORS)
 @pytest.mark.parametrize("field", FIELDS)
-def test_no_credit_from_inside_or_from_nowhere(light: Light, field: float) -> None:
+def test_no_credit_from_inside_or_from_nowhere(terminator: float, field: float) -> None:
     viewer = np.array([[[0.0, 0.0, 0.0], [9.9, 0.0, 0.0], [np.nan, np.nan, np.nan]]])
-    credit = inspect(viewer, np.array([[1.0, 0.0, 0.0]]), light, field)
+    credit = inspect(viewer, np.array([[1.0, 0.0, 0.0]]), terminator, field)
     assert (credit.inspector == -1).all()
     assert credit.team.tolist() == [0]
     assert credit.own.tolist() == [[0, 0, 0]]

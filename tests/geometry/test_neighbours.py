@@ -1,4 +1,4 @@
-"""Nearest deputies, scans and distances of pairs against a sort by NumPy, on a grid where distances are often equal."""
+"""Nearest deputies and distances of pairs against a sort by NumPy, on a grid where distances are often equal."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ import pytest
 from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.geometry.neighbours import (
     nearest_positions,
-    nearest_presence,
     nearest_velocities,
     pair_distances,
-    scan_deputies,
 )
 from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes, box_distance
 
@@ -34,16 +32,14 @@ def test_the_nearest_are_those_of_a_sort_by_distance_and_index(seed: int, max_ra
         missing = PLACES - len(near)
         length = np.linalg.norm(position[own])
         out = position[own] * (max_range / length) if length else np.array([max_range, 0.0, 0.0])
-        relative, speeds, present = np.full(3 * PLACES, np.nan), np.full(3 * PLACES, np.nan), np.full(PLACES, np.nan)
+        relative, speeds = np.full(3 * PLACES, np.nan), np.full(3 * PLACES, np.nan)
         nearest_positions(DEPUTIES, max_range, own, position, relative)
         nearest_velocities(DEPUTIES, max_range, own, position, velocity, speeds)
-        nearest_presence(DEPUTIES, max_range, own, position, present)
         ways = [*(position[near] - position[own]), *[out] * missing]
         np.testing.assert_allclose(relative.reshape(PLACES, 3), ways, rtol=1e-15)
         np.testing.assert_array_equal(
             speeds.reshape(PLACES, 3), [*(velocity[near] - velocity[own]), *np.zeros((missing, 3))]
         )
-        np.testing.assert_array_equal(present, [1.0] * len(near) + [0.0] * missing)
 
 
 @pytest.mark.parametrize(("x", "direction"), [(0.9e-9, (50.0, 0.0, 0.0)), (1.2e-9, (0.0, 0.0, 50.0))])
@@ -72,27 +68,6 @@ def test_the_nearest_cluster_is_the_first_of_equals(seed: int) -> None:
             continue
         nearest = centres[((viewer - body - centres[:count]) ** 2).sum(axis=1).argmin()]
         np.testing.assert_allclose(found, nearest / max(float(np.linalg.norm(nearest)), 1e-300), rtol=1e-15)
-
-
-@pytest.mark.parametrize("max_range", [3.0, 5.0, 100.0])
-@pytest.mark.parametrize("seed", range(12))
-def test_a_scan_is_that_of_numpy(seed: int, max_range: float) -> None:
-    """In bins along the axes and diagonals, of which many are equally near to a direction."""
-    position = grid(seed)
-    bins = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], np.float64)
-    bins /= np.linalg.norm(bins, axis=1, keepdims=True)
-    for own in range(DEPUTIES):
-        expected = np.full(len(bins), max_range)
-        for other in range(DEPUTIES):
-            way = position[other] - position[own]
-            if other == own or way @ way >= max_range**2:
-                continue
-            along = bins[:, 0] * way[0] + bins[:, 1] * way[1] + bins[:, 2] * way[2]
-            where = along.argmax() if way.any() else slice(None)
-            expected[where] = np.minimum(expected[where], np.sqrt(way @ way))
-        ranges = np.full(len(bins), np.nan)
-        scan_deputies(DEPUTIES, max_range, bins, own, position, ranges)
-        np.testing.assert_allclose(ranges, expected, rtol=1e-15)
 
 
 def test_pairs_are_in_the_order_of_a_triangle() -> None:

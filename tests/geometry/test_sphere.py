@@ -85,7 +85,7 @@ def test_second_moments_are_a_spheres(algorithm: str) -> None:
 
 def test_light_modules_do_not_load_the_compiler() -> None:
     code = (
-        "import sys, safe_inspect.dynamics.cwh, safe_inspect.geometry.sphere, safe_inspect.geometry.light;"
+        "import sys, safe_inspect.dynamics.cwh, safe_inspect.geometry.sphere, safe_inspect.geometry.visibility;"
         "sys.exit(any(name in sys.modules for name in ('numba', 'scipy', 'sklearn')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -45,10 +45,6 @@ FLIGHTS: dict[str, tuple[str, tuple[str, ...]]] = {
         "translational-inspection/experiment-seed.yml",
         (_SUN, f"{_OWN}.enabled=True", f"{_GLUE}.method=continuous"),
     ),
-    "one, switching filter": (
-        "translational-inspection/experiment-seed.yml",
-        (_SUN, f"{_OWN}.enabled=True", f"{_GLUE}.method=simplex", f"{_GLUE}.delta_v_limit=2.0"),
-    ),
     "one, disturbed, backup filter": (
         "translational-inspection/experiment-seed.yml",
         (
@@ -104,7 +100,7 @@ FLIGHTS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 #: Of these, the flights that adversaries fly too, whom the filter must stop.
 _PUSHED = (
-    "one, backup filter", "one, continuous filter", "one, switching filter", "one, disturbed, backup filter",
+    "one, backup filter", "one, continuous filter", "one, disturbed, backup filter",
     "three, filter of the team", "three, a filter each", "three, disturbed, filter of the team",
     "weighted points, three, filter of the team", "docking, filtered", "docking, disturbed, filtered",
 )  # fmt: skip

@@ -13,19 +13,14 @@ from safe_inspect.errors import PluginValueError, SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.task import default_metrics, read_metrics
 from safe_inspect.metrics import (
-    ClosestDeputies,
-    DeltaV,
+    Decisions,
     DeltaVAfterLastPoint,
     DeltaVToCoverage,
-    EpisodeLength,
-    InspectedFraction,
-    InspectedPoints,
     Interventions,
     InterventionShare,
     LargestRange,
     LargestSpeed,
     Metric,
-    OwnInspectedPoints,
     SmallestPhi,
     SmallestRange,
     TeamMetric,
@@ -64,7 +59,7 @@ def of_agents(flown, label):
 
 def test_every_built_in_metric_is_measured(flown):
     labels = {metric.label for metric in EVERY}
-    assert len(labels) == len(EVERY) == 20
+    assert len(labels) == len(EVERY) == 13
     assert set(flown.metrics) == set(flown.units) == labels
     for metric in EVERY:
         for agent in flown.agents.values():
@@ -84,10 +79,7 @@ def test_metrics_agree_with_what_was_recorded(flown):
                 LargestRange().label: ranges.max(),
                 LargestSpeed().label: speeds.max(),
                 SmallestPhi().label: ranges.min() - 10.0,
-                DeltaV().label: burns.sum() * 10.0 / 12.0,
-                EpisodeLength().label: last,
                 ThrustingSteps().label: (burns > 1e-3).sum(),
-                OwnInspectedPoints().label: ((one.inspector == deputy) & (one.inspected_at <= one.time[last])).sum(),
             }
             for label, value in wanted.items():
                 assert agent.metrics[label][row] == pytest.approx(value, rel=1e-9), label
@@ -96,8 +88,6 @@ def test_metrics_agree_with_what_was_recorded(flown):
 def test_coverage_and_its_price_agree_with_what_was_recorded(flown):
     after = np.array([])
     for row, one in enumerate(flown.trajectories):
-        assert flown.metrics[InspectedPoints().label][row] == np.isfinite(one.inspected_at).sum()
-        assert flown.metrics[InspectedFraction().label][row] == flown.inspected_fraction[row]
         for deputy, agent in enumerate(flown.agents.values()):
             end = one.time[agent.length[row]]
             seen = one.inspected_at[one.inspected_at <= end]
@@ -123,13 +113,6 @@ def test_the_time_to_coverage_is_that_of_the_recording(task):
             assert found[row, place] == (
                 pytest.approx(one.time[reached[0]]) if len(reached) else pytest.approx(np.nan, nan_ok=True)
             )
-
-
-def test_the_closest_deputies_are_those_of_the_episodes():
-    flown = rollout(spec_of(TASKS[1], "horizon=50"), RandomThrust(), episodes=8, seed=3, metrics=[ClosestDeputies()])
-    np.testing.assert_array_equal(flown.metrics["closest deputies"], flown.closest)
-    alone = rollout(spec_of(TASKS[0], "horizon=5"), ZeroThrust(), episodes=2, seed=3, metrics=[ClosestDeputies()])
-    assert np.isnan(alone.metrics["closest deputies"]).all()
 
 
 def test_the_beginning_counts(fixed_start):
@@ -159,8 +142,8 @@ def test_metrics_do_not_depend_on_the_size_of_the_batch(task):
 def test_a_team_is_its_agents():
     flown = rollout(spec_of(TASKS[1], "horizon=50"), RandomThrust(), episodes=6, seed=8, metrics=EVERY)
     for label, together in (
-        ("smallest range", np.min), ("largest speed", np.max), ("delta-v", np.mean), ("thrusting steps", np.sum),
-        ("episode length", np.max), ("phi chief_collision", np.min),
+        ("smallest range", np.min), ("largest speed", np.max), ("decisions", np.mean), ("thrusting steps", np.sum),
+        ("phi chief_collision", np.min),
     ):  # fmt: skip
         np.testing.assert_allclose(flown.metrics[label], together(of_agents(flown, label), axis=1), rtol=1e-12)
 
@@ -251,14 +234,14 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
     spec = spec_of(TASKS[0])
     with pytest.raises(SafeInspectError, match="no entity is named 'cheif'; did you mean `chief`"):
         rollout(spec, ZeroThrust(), 1, metrics=[SmallestRange(entity_name="cheif")])
-    with pytest.raises(SafeInspectError, match="two metrics have the label 'delta-v'"):
-        rollout(spec, ZeroThrust(), 1, metrics=[DeltaV(), DeltaV()])
+    with pytest.raises(SafeInspectError, match="two metrics have the label 'thrusting steps'"):
+        rollout(spec, ZeroThrust(), 1, metrics=[ThrustingSteps(), ThrustingSteps()])
 
 
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("DeltaVV", "did you mean `DeltaV`"),
+        ("ThrustingStep", "did you mean `ThrustingSteps`"),
         ("ObservedPointsReward", "is a reward; expected a metric here"),
         ("nowhere.Metric", "no module 'nowhere'"),
         (
@@ -270,8 +253,10 @@ def test_metrics_that_do_not_fit_the_task_are_reported():
     ],
 )
 def test_metrics_are_read_by_name_and_mistakes_reported(text, shown):
-    good = read_metrics(["DeltaV", "safe_inspect.metrics.DeltaV", "{functor: TimeToCoverage, config: {fraction: 0.5}}"])
-    assert good == [DeltaV(), DeltaV(), TimeToCoverage(fraction=0.5)]
+    good = read_metrics(
+        ["Decisions", "safe_inspect.metrics.Decisions", "{functor: TimeToCoverage, config: {fraction: 0.5}}"]
+    )
+    assert good == [Decisions(), Decisions(), TimeToCoverage(fraction=0.5)]
     with pytest.raises(SafeInspectError) as error:
         read_metrics([text])
     assert shown in str(error.value)

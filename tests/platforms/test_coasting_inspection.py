@@ -10,7 +10,6 @@ import pytest
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import BatchedEnvironment
-from safe_inspect.errors import ConfigError
 from safe_inspect.platforms.outlook_sensors import CoastingInspectionSensor
 from safe_inspect.tasks.inspection.points import InspectionPoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation
@@ -66,20 +65,6 @@ def test_nothing_is_inspected_behind_the_horizon():
     np.testing.assert_array_equal(near[:, :2], far[:, :2])
     np.testing.assert_array_equal(near[:, 3], near[:, 1])
     assert (far[:, 3] < near[:, 3]).any()
-
-
-LIGHT = "env_config.simulator.config.illumination_params.bin_ray_flag=False"
-
-
-def test_graded_light_is_refused():
-    with pytest.raises(
-        ConfigError, match="Sensor_CoastingInspection needs points that are lit or dark; set `bin_ray_flag"
-    ):
-        load_experiment(TASK, [LIGHT])
-    env = BatchedEnvironment(load_experiment(TASK.with_stem("experiment-outlook"), [LIGHT]).spec)
-    env.reset()
-    with pytest.raises(ValueError, match="set `bin_ray_flag: True`"):
-        CoastingInspectionSensor()(env.view())
 
 
 def test_a_body_that_turns_is_refused():

@@ -14,9 +14,7 @@ from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms import Sensor
 from safe_inspect.platforms.neighbour_sensors import (
     ClosestApproachPositionSensor,
-    DeputyScanSensor,
     NearestDeputiesPositionSensor,
-    NearestDeputiesPresenceSensor,
     NearestDeputiesVelocitySensor,
 )
 from safe_inspect.platforms.state_sensors import PositionSensor
@@ -40,9 +38,9 @@ def view_of(position, velocity=None, first: int = 0, size: int | None = None) ->
     return View(state, world, Group("blue", first, deputies - first if size is None else size, {}))
 
 
-def sensors(k: int = 3, bins: int = 20, max_range: float = 1000.0) -> tuple[Sensor, ...]:
-    places = (NearestDeputiesPositionSensor, NearestDeputiesVelocitySensor, NearestDeputiesPresenceSensor)
-    return (*(made(k=k, max_range=max_range) for made in places), DeputyScanSensor(bins=bins, max_range=max_range))
+def sensors(k: int = 3, max_range: float = 1000.0) -> tuple[Sensor, ...]:
+    places = (NearestDeputiesPositionSensor, NearestDeputiesVelocitySensor)
+    return tuple(made(k=k, max_range=max_range) for made in places)
 
 
 def flight(seed: int, environments: int = 4, deputies: int = 5) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +68,6 @@ class TestNearest:
         view = view_of([[[0, 30, -40], [0, 30, 0]]], [[[1, 1, 1], [3, 1, 1]]])
         assert NearestDeputiesPositionSensor(k=3)(view)[0].tolist() == [0, 0, 40, 0, 600, -800, 0, 600, -800]
         assert NearestDeputiesVelocitySensor(k=3)(view)[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0]
-        assert NearestDeputiesPresenceSensor(k=3)(view).tolist() == [[1, 0, 0], [1, 0, 0]]
 
     def test_the_closest_approach_is_that_of_flights_without_thrust(self) -> None:
         position, velocity = flight(11)
@@ -96,20 +93,18 @@ class TestNearest:
         far = NearestDeputiesPositionSensor(k=1, max_range="0.5 km")(view)
         assert far.tolist() == [[0, 0, 500], [500, 0, 0]]
         assert not NearestDeputiesVelocitySensor()(view).any()
-        assert not NearestDeputiesPresenceSensor()(view).any()
-        assert (DeputyScanSensor(bins=7, max_range=500.0)(view) == 500.0).all()
 
     def test_the_range_itself_is_within(self) -> None:
         view = view_of([[[0, 0, 0], [300, 0, 400], [0, 500.0001, 0]]])
-        assert NearestDeputiesPresenceSensor(max_range=500.0)(view)[0].tolist() == [1, 0]
-        assert NearestDeputiesPositionSensor(max_range=500.0)(view)[0, :3].tolist() == [300, 0, 400]
+        reading = NearestDeputiesPositionSensor(max_range=500.0)(view)[0]
+        assert reading.tolist() == [300, 0, 400, 500, 0, 0]  # the second place has no deputy
 
     @given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 6))
     @settings(max_examples=25, deadline=None)
     def test_agrees_with_a_sort(self, seed: int, k: int) -> None:
         position, velocity = flight(seed)
         view = view_of(position, velocity)
-        reading = [made(view).reshape(4, 5, k, -1) for made in sensors(k)[:3]]
+        reading = [made(view).reshape(4, 5, k, -1) for made in sensors(k)]
         for env in range(4):
             for own in range(5):
                 away = np.delete(position[env], own, axis=0) - position[env, own]
@@ -118,7 +113,6 @@ class TestNearest:
                 places = len(order)
                 np.testing.assert_array_equal(reading[0][env, own, :places], away[order])
                 np.testing.assert_array_equal(reading[1][env, own, :places], speed[order])
-                assert reading[2][env, own, :, 0].tolist() == [1.0] * places + [0.0] * (k - places)
                 out = 1000.0 * position[env, own] / np.linalg.norm(position[env, own])
                 np.testing.assert_allclose(reading[0][env, own, places:], np.tile(out, (k - places, 1)))
 
@@ -130,56 +124,6 @@ class TestNearest:
         sensor = NearestDeputiesPositionSensor(k=4, max_range=150.0)
         still = sensor(view_of(position)).reshape(-1, 4, 3)
         np.testing.assert_allclose(sensor(view_of(position @ turn)).reshape(-1, 4, 3), still @ turn, atol=1e-9)
-
-
-class TestScan:
-    def test_by_hand(self) -> None:
-        sensor = DeputyScanSensor(bins=30)
-        own = np.array([20.0, -7.0, 3.0])
-        ray = sensor.directions
-        others = [own + 50.0 * ray[4], own + 20.0 * ray[4], own + 80.0 * ray[29]]
-        expected = np.full(30, 1000.0)
-        expected[[4, 29]] = 20.0, 80.0
-        np.testing.assert_allclose(sensor(view_of([[own, *others]], size=1))[0], expected)
-
-    def test_the_poles_are_directions_like_others(self) -> None:
-        """A small turn about a pole stays in the pole's sector, whatever its azimuth."""
-        sensor = DeputyScanSensor(bins=21)
-        azimuth = np.linspace(0.0, 2.0 * np.pi, 40)
-        others = 100.0 * np.stack((1e-3 * np.cos(azimuth), 1e-3 * np.sin(azimuth), np.ones(40)), axis=-1)
-        reading = sensor(view_of(np.stack((np.zeros((40, 3)), others), axis=1), size=1))
-        assert (np.argmin(reading, axis=1) == np.argmax(sensor.directions[:, 2])).all()
-
-    def test_the_sectors_are_of_about_one_size(self) -> None:
-        directions = np.random.default_rng(1).normal(size=(20_000, 3))
-        directions /= np.linalg.norm(directions, axis=1)[:, None]
-        for bins in (2, 6, 20, 50):
-            sensor = DeputyScanSensor(bins=bins)
-            reading = sensor(view_of(np.stack((np.zeros_like(directions), 9.0 * directions), axis=1), size=1))
-            share = (reading < 1000.0).mean(axis=0)
-            np.testing.assert_allclose(share * bins, 1.0, atol=0.35)
-
-    def test_at_the_very_same_place(self) -> None:
-        assert not DeputyScanSensor()(view_of([[[5, 5, 5], [5, 5, 5], [9, 5, 5]]]))[:2].any()
-
-    def test_out_of_range(self) -> None:
-        view = view_of([[[0, 0, 0], [0, 0, 300]]])
-        assert (DeputyScanSensor(max_range=300.0)(view) == 300.0).all()
-        assert (DeputyScanSensor(max_range=299.0)(view) == 299.0).all()
-
-    @given(seed=st.integers(0, 2**32 - 1), bins=st.integers(1, 40))
-    @settings(max_examples=25, deadline=None)
-    def test_agrees_with_numpy(self, seed: int, bins: int) -> None:
-        position, _ = flight(seed)
-        sensor = DeputyScanSensor(bins=bins, max_range=250.0)
-        reading = sensor(view_of(position)).reshape(4, 5, bins)
-        for env in range(4):
-            for own in range(5):
-                expected = np.full(bins, 250.0)
-                for away in np.delete(position[env], own, axis=0) - position[env, own]:
-                    sector = np.argmax(sensor.directions @ away)
-                    expected[sector] = min(expected[sector], np.linalg.norm(away))
-                np.testing.assert_allclose(reading[env, own], expected)
 
 
 class TestInvariance:
@@ -219,15 +163,11 @@ class TestInvariance:
 
 
 def test_names_and_limits_follow_the_fields() -> None:
-    position, velocity, presence, scan = sensors(k=2, bins=3, max_range=400.0)
+    position, velocity = sensors(k=2, max_range=400.0)
     assert position.element_names == ("x_0", "y_0", "z_0", "x_1", "y_1", "z_1")
     assert velocity.element_names[3:] == ("v_x_1", "v_y_1", "v_z_1")
-    assert presence.element_names == ("present_0", "present_1")
-    assert scan.element_names == ("range_0", "range_1", "range_2")
     assert position.limits == (-400.0, 400.0)
     assert velocity.limits == (-np.inf, np.inf)
-    assert presence.limits == (0.0, 1.0)
-    assert scan.limits == (0.0, 400.0)
     assert PositionSensor().element_names == PositionSensor.elements
 
 
@@ -256,13 +196,14 @@ def test_observed_with_a_sigma_for_each_element() -> None:
 
 def test_observed_between_bounds() -> None:
     normal = Normalization(normalizer="LinearNormalizer", config={"minimum": 0.0})
-    glue, parts = observed(DeputyScanSensor(bins=4, max_range=50.0), output_units="km", normalization=normal)
+    sensor = NearestDeputiesPositionSensor(k=1, max_range=50.0)
+    glue, parts = observed(sensor, output_units="km", normalization=normal)
     low, high = glue.bounds(parts)
-    assert low.tolist() == [0.0] * 4
-    assert high.tolist() == [1.0] * 4
+    assert low.tolist() == [0.0] * 3
+    assert high.tolist() == [1.0] * 3
     view = view_of([[[0, 0, 0], [0, 0, 25]]], size=1)
     view.group = Group("blue", 0, 1, parts)
-    assert sorted(glue(view)[0].tolist()) == pytest.approx([0.5, 1.0, 1.0, 1.0])
+    assert glue(view)[0].tolist() == pytest.approx([0.5, 0.5, 0.75])
     assert isinstance(normal.active, LinearNormalizer)
 
 
@@ -270,12 +211,6 @@ def test_observed_between_bounds() -> None:
 def test_fields_that_are_refused(fields) -> None:
     with pytest.raises(ValueError, match=next(iter(fields))):
         NearestDeputiesPositionSensor(**fields)
-
-
-@pytest.mark.parametrize("bins", [0, 1001])
-def test_bins_that_are_refused(bins: int) -> None:
-    with pytest.raises(ValueError, match="bins"):
-        DeputyScanSensor(bins=bins)
 
 
 def test_the_observation_has_one_size_for_any_team() -> None:
@@ -293,7 +228,5 @@ def test_the_observation_has_one_size_for_any_team() -> None:
         environment = TeamEnvironment(spec, 2, seed=1)
         (observation,) = environment.reset()
         layouts.add(environment.acting[0].observation_layout.names)
-        assert observation.shape == (2, deputies, 11 + 6 + 6 + 2 + 20)
-        presence = observation[:, :, 11 + 12 : 11 + 14]
-        assert (presence.sum(axis=-1) == min(deputies - 1, 2)).all()
+        assert observation.shape == (2, deputies, 11 + 6 + 6)
     assert len(layouts) == 1

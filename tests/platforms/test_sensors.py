@@ -72,19 +72,6 @@ def test_no_direction_when_nothing_is_left(fixed_start):
     np.testing.assert_array_equal(reading(env, "Sensor_UninspectedPoints"), [0.0, 0.0, 0.0])
 
 
-def test_the_backend_of_scikit_learn_agrees(shipped):
-    from safe_inspect.config.experiment import load_experiment
-
-    def flown(backend: str) -> np.ndarray:
-        override = f"agent_config.0.config.config.parts.Sensor_UninspectedPoints.config.backend={backend}"
-        env = BatchedEnvironment(load_experiment(shipped, [override]).spec, 4, seed=6)
-        env.reset()
-        thrusts = np.random.default_rng(2).uniform(-0.2, 0.2, (40, 4, 1, 3))
-        return np.stack([env.step(thrust).observation[:, 0, 7:10] for thrust in thrusts])
-
-    np.testing.assert_allclose(flown("native"), flown("sklearn"), atol=1e-5)
-
-
 def test_counts_are_of_the_deputy_that_inspected_first(fixed_start):
     env = BatchedEnvironment(fixed_start((60.0, 0.0, 0.0)))
     env.reset()

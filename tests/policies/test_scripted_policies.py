@@ -245,12 +245,6 @@ def test_a_plan_within_the_limits_is_not_filtered(shipped: Path) -> None:
     assert environment.state.interventions.mean() < 1.0
 
 
-def test_the_highlight_of_a_bright_chief_is_allowed_for(shipped: Path) -> None:
-    light = ("config.config.env_config.simulator.config.illumination_params.bin_ray_flag=False",)
-    flown = fly(TeamEnvironment(team_of(shipped, NaturalMotionInspector(), 1, light), 6))
-    assert (flown.inspected == 100).all()
-
-
 def test_deputies_on_a_collision_course_step_aside(shipped: Path) -> None:
     environment = TeamEnvironment(team_of(shipped, NaturalMotionInspector(), 3), 2)
     environment.reset()

@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from pyarrow import parquet
 
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
@@ -23,6 +22,11 @@ TASK = Task(**{**vars(SEED), "horizon": HORIZON})
 #: Delta-v of a made-up open-loop optimum of each episode [m/s], unknown for one.
 OPTIMUM = [0.1, 0.05, None, 0.2, 0.09, 0.11, 0.04, 0.07]
 GAP = "gap to the open-loop optimum"
+
+
+def starting(start: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays whose names have a prefix, by the rest of their names."""
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
 def typed(*words: str) -> str:
@@ -41,26 +45,19 @@ class Flown:
         given = ("--record", EPISODES, "--reference", folder / "ref.json", "--output", self.folder)
         self.printed = typed("evaluate", source, "--cfg", EXPERIMENT, *WORDS, *given)
         self.record = json.loads((self.folder / "evaluation.json").read_text())
-        self.episodes, self.states = (
-            {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
-            for table in (parquet.read_table(self.folder / f"{name}.parquet") for name in ("episodes", "trajectories"))
-        )
-        self.flights = [self._fly(self.states["episode"] == episode) for episode in range(EPISODES)]
+        self.episodes, states = (dict(np.load(self.folder / f"{name}.npz")) for name in ("episodes", "trajectories"))
+        self.trajectories = [starting(f"{episode}/", states) for episode in range(EPISODES)]
+        self.flights = [self._fly(trajectory) for trajectory in self.trajectories]
         self.status = np.array([flight.status for flight in self.flights])
         rows = [figures_of(flight) for flight in self.flights]
         self.figures = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
         self.figures[GAP] = self.figures["delta-v"] - np.array(OPTIMUM, float)
 
-    def column(self, rows: np.ndarray, *names: str) -> np.ndarray:
-        """Return columns of the recorded states, shape (T + 1, K)."""
-        return np.stack([self.states[name][rows] for name in names], axis=-1)
-
-    def _fly(self, rows: np.ndarray) -> Flight:
+    @staticmethod
+    def _fly(states: dict[str, np.ndarray]) -> Flight:
         deputy = OneDeputy(TASK, observes=False)
-        first = np.flatnonzero(rows)[0]
-        state = [self.column(np.array([first]), *names)[0] for names in (("x", "y", "z"), ("vx", "vy", "vz"))]
-        deputy.reset(*state, float(self.states["sun_angle"][first]))
-        for thrust in self.column(rows, "ux", "uy", "uz")[:-1]:
+        deputy.reset(states["position"][0, 0], states["velocity"][0, 0], float(states["arrays/sun_angle"][0]))
+        for thrust in states["control"][:, 0]:
             assert deputy.flight.status == "running"
             deputy.step(thrust)
         return deputy.flight

@@ -1,4 +1,4 @@
-"""Every column of an evaluation's files and tables, from its episodes flown again by the small simulation."""
+"""Every array of an evaluation's files and tables, from its episodes flown again by the small simulation."""
 
 from __future__ import annotations
 
@@ -26,45 +26,38 @@ UNITS = {
 
 
 @pytest.mark.parametrize("source", ["inspector", "random"])
-def test_the_columns_of_the_trajectories(flown, source):
+def test_the_arrays_of_the_trajectories(flown, source):
     one = flown[source]
-    assert set(one.states) == {
-        "episode", "step", "deputy", "time", "x", "y", "z", "vx", "vy", "vz", "ux", "uy", "uz", "delta_v", "sun_angle",
-        "inspected", "inspected_own",
-    }  # fmt: skip
-    assert set(one.states["deputy"]) == {"blue0"}
-    for episode, flight in enumerate(one.flights):
-        rows = one.states["episode"] == episode
-        np.testing.assert_array_equal(one.states["step"][rows], np.arange(flight.steps + 1))
-        np.testing.assert_array_equal(one.states["time"][rows], DT * np.arange(flight.steps + 1))
-        np.testing.assert_allclose(one.column(rows, "x", "y", "z"), flight.position, rtol=0, atol=1e-7)
-        np.testing.assert_allclose(one.column(rows, "vx", "vy", "vz"), flight.velocity, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(one.states["delta_v"][rows], flight.delta_v, rtol=1e-12)
-        np.testing.assert_allclose(one.states["sun_angle"][rows], flight.sun_angle, rtol=1e-12)
-        for name in ("inspected", "inspected_own"):
-            np.testing.assert_array_equal(one.states[name][rows], np.sum(flight.inspected, axis=1))
-        assert np.isnan(one.column(rows, "ux", "uy", "uz")[-1]).all()
+    for found, flight in zip(one.trajectories, one.flights, strict=True):
+        np.testing.assert_array_equal(found["time"], DT * np.arange(flight.steps + 1))
+        np.testing.assert_allclose(found["position"][:, 0], flight.position, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(found["velocity"][:, 0], flight.velocity, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(found["delta_v"][:, 0], flight.delta_v, rtol=1e-12)
+        np.testing.assert_allclose(found["arrays/sun_angle"], flight.sun_angle, rtol=1e-12)
+        seen = (found["inspected_at"] <= found["time"][:, None]).sum(axis=1)
+        np.testing.assert_array_equal(seen, np.sum(flight.inspected, axis=1))
+        np.testing.assert_array_equal(found["inspector"] >= 0, np.isfinite(found["inspected_at"]))
 
 
 @pytest.mark.parametrize("source", ["inspector", "random"])
-def test_the_columns_of_the_episodes(flown, source):
-    one, columns = flown[source], dict(flown[source].episodes)
-    np.testing.assert_array_equal(columns.pop("episode"), np.arange(EPISODES))
-    assert set(columns.pop("agent")) == {"blue0_ctrl"}
-    for name in ("status", "episode/status"):
-        np.testing.assert_array_equal(columns.pop(name), one.status)
-    first = [flight.position[0] for flight in one.flights], [flight.velocity[0] for flight in one.flights]
-    for start, vectors in zip(("", "v"), first, strict=True):
-        for k, axis in enumerate("xyz"):
-            found = columns.pop(f"begin/blue0_ctrl/{start}{axis}")
-            np.testing.assert_array_equal(found, np.array(vectors)[:, k])
-    np.testing.assert_array_equal(columns.pop("begin/sun_angle"), [flight.sun_angle[0] for flight in one.flights])
+def test_the_arrays_of_the_episodes(flown, source):
+    one, arrays = flown[source], dict(flown[source].episodes)
+    arrays.pop("tree")
+    for name in ("team/status", "agents/blue0_ctrl/status"):
+        np.testing.assert_array_equal(arrays.pop(name), one.status)
+    begun = {
+        "position": [flight.position[:1] for flight in one.flights],
+        "velocity": [flight.velocity[:1] for flight in one.flights],
+        "sun_angle": [flight.sun_angle[0] for flight in one.flights],
+    }
+    for name, values in begun.items():
+        np.testing.assert_array_equal(arrays.pop(f"initial_states/{name}"), np.array(values))
     for name, values in one.figures.items():
-        if name not in OF_AGENT:
-            np.testing.assert_allclose(columns.pop(f"episode/{name}"), values, rtol=1e-9, atol=1e-6, err_msg=name)
-        if name not in OF_TEAM:
-            np.testing.assert_allclose(columns.pop(name), values, rtol=1e-9, atol=1e-6, err_msg=name)
-    assert not columns, "every column is computed a second time"
+        for start, others in (("team", OF_AGENT), ("agents/blue0_ctrl", OF_TEAM)):
+            if name not in others:
+                found = arrays.pop(f"{start}/figures/{name}")
+                np.testing.assert_allclose(found, values, rtol=1e-9, atol=1e-6, err_msg=name)
+    assert not arrays, "every array is computed a second time"
 
 
 def check_end(text: str, status: np.ndarray, *, digits: str = ".1f") -> None:

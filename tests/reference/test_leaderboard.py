@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from model_cards import CardData, model_card
 
 from safe_inspect.evaluation.baselines import baseline_table
-from safe_inspect.experiments.export.shipping import CardData, model_card
 from safe_inspect.planning.record import read_record
 
 from .figures import bootstrap_bounds, cells, iqm, wilson

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from pyarrow import parquet
 
 from safe_inspect.config.data import configs_root
 
 from .figures import blocks, phi
-from .flown import typed
+from .flown import starting, typed
 from .one_deputy import DT, MASS, RADIUS, TERMS, fibonacci, hold, lit, seen, sun_direction
 from .test_evaluation import check_end, check_table
 
@@ -148,39 +147,31 @@ def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("team") / "out"
     given = ("--cfg", experiment, *WORDS, "--episodes", EPISODES, "--record", EPISODES, "--seed", "7")
     printed = typed("evaluate", "random", *given, "--output", folder)
-    states, table = (
-        {name: np.asarray(found[name].to_numpy()) for name in found.column_names}
-        for found in (parquet.read_table(folder / f"{name}.parquet") for name in ("trajectories", "episodes"))
-    )
-
-    def vectors(rows, *names):
-        return np.stack([states[name][rows] for name in names], axis=-1).reshape(-1, 3, len(names))
-
+    table, recorded = (dict(np.load(folder / f"{name}.npz")) for name in ("episodes", "trajectories"))
     episodes = []
     for index in range(EPISODES):
-        rows = states["episode"] == index
-        start = vectors(rows, "x", "y", "z", "vx", "vy", "vz")
-        episode = Episode(start[0], states["sun_angle"][rows][0], vectors(rows, "ux", "uy", "uz")[:-1])
+        states = starting(f"{index}/", recorded)
+        start = np.concatenate((states["position"], states["velocity"]), axis=-1)
+        episode = Episode(start[0], states["arrays/sun_angle"][0], states["control"])
         np.testing.assert_allclose(np.array(episode.states), start, rtol=0, atol=1e-7)
-        np.testing.assert_allclose(np.array(episode.spent), vectors(rows, "delta_v")[:, :, 0], rtol=1e-12)
+        np.testing.assert_allclose(np.array(episode.spent), states["delta_v"], rtol=1e-12)
         episodes.append(episode)
     return printed, table, episodes
 
 
-def test_the_columns_of_the_episodes(flown):
+def test_the_arrays_of_the_episodes(flown):
     _, table, episodes = flown
-    table = {name: values for name, values in table.items() if not name.startswith("begin/")}
-    np.testing.assert_array_equal(table.pop("episode"), np.repeat(np.arange(EPISODES), 3))
-    np.testing.assert_array_equal(table.pop("agent"), AGENTS * EPISODES)
-    np.testing.assert_array_equal(table.pop("status"), [status for one in episodes for status in one.status])
-    np.testing.assert_array_equal(table.pop("episode/status"), [one.outcome for one in episodes for _ in AGENTS])
-    rows = [one.of_agent(k) for one in episodes for k in range(3)]
-    whole = [one.of_team() for one in episodes for _ in AGENTS]
-    for start, found in (("", rows), ("episode/", whole)):
+    table = {name: values for name, values in table.items() if not name.startswith(("initial_states/", "tree"))}
+    np.testing.assert_array_equal(table.pop("team/status"), [one.outcome for one in episodes])
+    figures = {"team": [one.of_team() for one in episodes]}
+    for k, agent in enumerate(AGENTS):
+        np.testing.assert_array_equal(table.pop(f"agents/{agent}/status"), [one.status[k] for one in episodes])
+        figures[f"agents/{agent}"] = [one.of_agent(k) for one in episodes]
+    for start, found in figures.items():
         for name in found[0]:
-            expected = [row[name] for row in found]
-            np.testing.assert_allclose(table.pop(start + name), expected, rtol=1e-9, atol=1e-6, err_msg=start + name)
-    assert not table, "every column is computed a second time"
+            path, expected = f"{start}/figures/{name}", [row[name] for row in found]
+            np.testing.assert_allclose(table.pop(path), expected, rtol=1e-9, atol=1e-6, err_msg=path)
+    assert not table, "every array is computed a second time"
 
 
 def test_the_printed_blocks(flown):

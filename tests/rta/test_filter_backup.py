@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import Audit, fly_filtered
@@ -228,7 +229,7 @@ def test_a_safe_control_is_flown_unchanged(run):
     state = safe_starts(run, 7, 200)
     desired = np.random.default_rng(7).uniform(-0.05, 0.05, (200, 3))
     result = run(state, desired)
-    safe = run.admissible(state, desired)
+    safe = admissible(run, state, desired)
     assert safe.mean() > 0.5
     np.testing.assert_array_equal(result.control[safe], desired[safe])
     assert not result.intervening[safe].any()
@@ -243,7 +244,7 @@ def test_every_answer_is_admissible_and_few_are_far_from_the_best(run):
     generator = np.random.default_rng(8)
     desired = generator.uniform(-1.0, 1.0, (60, 3))
     result = run(state, desired)
-    assert run.admissible(state, result.control).all()
+    assert admissible(run, state, result.control).all()
     assert result.intervening.mean() > 0.9
     away = np.linalg.norm(result.control - desired, axis=1)
     beaten = np.zeros(60, bool)
@@ -251,7 +252,7 @@ def test_every_answer_is_admissible_and_few_are_far_from_the_best(run):
         size = 0.3 if trial % 2 else 0.03
         other = np.clip(result.control + generator.normal(size=(60, 3)) * size, -1.0, 1.0)
         nearer = np.flatnonzero(np.linalg.norm(other - desired, axis=1) < away - 0.01)
-        beaten[nearer] |= run.admissible(state[nearer], other[nearer])
+        beaten[nearer] |= admissible(run, state[nearer], other[nearer])
     assert beaten.mean() < 0.1
 
 
@@ -273,7 +274,7 @@ def test_thrusts_in_adversarial_flight_are_near_the_nearest_safe_ones(run):
             other = desired + (away[:, None] * generator.random((len(best), 1))) * (other - best) / size / 2.0
         other = np.clip(other, -1.0, 1.0)
         nearer = np.flatnonzero(np.linalg.norm(other - desired, axis=1) < away - 1e-4)
-        nearer = nearer[run.admissible(state[nearer], other[nearer])]
+        nearer = nearer[admissible(run, state[nearer], other[nearer])]
         best[nearer] = other[nearer]
     excess = flown_away - np.linalg.norm(best - desired, axis=1)
     assert len(excess) > 80
@@ -287,7 +288,7 @@ def test_an_intervention_can_fly_the_backup_plan(run):
     desired = np.random.default_rng(15).uniform(-1.0, 1.0, (60, 3))
     result = backup(state, desired)
     refused = result.backup
-    np.testing.assert_array_equal(~refused, run.admissible(state, desired))
+    np.testing.assert_array_equal(~refused, admissible(run, state, desired))
     assert 30 < refused.sum() < 60
     np.testing.assert_array_equal(result.control[~refused], desired[~refused])
     state = flown(state, result.control, DT)[np.flatnonzero(refused)]

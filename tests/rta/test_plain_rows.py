@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
@@ -65,9 +66,9 @@ def test_the_backup_filter(where: tuple[float, float, float], intervention: Any)
 def test_plans_and_what_is_admissible(run: BackupFilter) -> None:
     state = drawn(3, ROWS, (10.5, 120.0, 0.4))
     thrust = np.random.default_rng(4).uniform(-0.1, 0.1, (ROWS, 3))
-    found = run.plans(state), run.plans(state, 0.5), run.recoverable(state), run.admissible(state, thrust)
+    found = run.plans(state), run.plans(state, 0.5), run.recoverable(state), admissible(run, state, thrust)
     with uncompiled():
-        others = run.plans(state), run.plans(state, 0.5), run.recoverable(state), run.admissible(state, thrust)
+        others = run.plans(state), run.plans(state, 0.5), run.recoverable(state), admissible(run, state, thrust)
     equal(found, others)
     same(run, state, wanted(state, 0, run.parameters.u_max))
 
@@ -128,7 +129,7 @@ def test_parts_of_the_constraints_of_a_team(names: tuple[str, ...]) -> None:
     run, state = TeamFilter(names=names), team(12, 4, True)
     desired = np.random.default_rng(5).uniform(-1.0, 1.0, state.position.shape)
     same(run, state, desired)
-    found = run.plans(state), (run.admissible(state, 0.1 * desired), run.recoverable(state))
+    found = run.plans(state), (admissible(run, state, 0.1 * desired), run.recoverable(state))
     with uncompiled():
-        others = run.plans(state), (run.admissible(state, 0.1 * desired), run.recoverable(state))
+        others = run.plans(state), (admissible(run, state, 0.1 * desired), run.recoverable(state))
     equal(found, others)

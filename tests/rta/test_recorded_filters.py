@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from admissible import admissible
 
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
+from .coasting_others import among_coasting, beside
 from .limit_flights import (
     BOUNDS,
     CLOSE,
@@ -116,7 +117,7 @@ def test_plans(name: str) -> None:
     half, _ = run.plans(state, 0.5)
     small = np.random.default_rng(4).uniform(-0.1, 0.1, (60, 3))
     assert 10 < found.sum() < 60
-    arrays = {"found": found, "half": half, "admissible": run.admissible(state, small)}
+    arrays = {"found": found, "half": half, "admissible": admissible(run, state, small)}
     check(f"plans, {name}", arrays | {"recoverable": run.recoverable(state), "thrust": one_number(thrust)})
 
 
@@ -136,19 +137,6 @@ def test_the_tube_filter(name: str, where: tuple[float, float, float]) -> None:
     found = noted(flight(step, where, 6))
     found["sum of memory"] = [one_number(one_number(after)) for after in memory]
     check(f"tube, {name}", found | {"memory": one_number(memory[-1][:SHOWN_ROWS])})
-
-
-def test_the_switching_filter() -> None:
-    run = SimplexFilter(delta_v_limit=3.0)
-    memory = [SimplexMemory.zeros(ROWS)]
-
-    def step(state: RelativeState, desired: FloatArray) -> Any:
-        result, after = run(state, desired, memory[-1])
-        memory.append(after)
-        return result
-
-    found = noted(flight(step, NEAR, 7))
-    check("switching", found | {"delta_v": memory[-1].delta_v, "latched": memory[-1].latched})
 
 
 @pytest.mark.parametrize("infeasible", ["least_violating", "pass"])
@@ -198,14 +186,15 @@ def test_the_team_filter(name: str, run: TeamFilter, coasting: bool) -> None:
         )  # fmt: skip
     small = np.random.default_rng(11).uniform(-0.05, 0.05, p.shape) * ~state.fixed[..., None]
     arrays = noted(iter(found)) | {"kept": kept, "first": one_number(thrust), "plans": plans, "plan": plan}
-    arrays |= {"recoverable": run.recoverable(state), "admissible": run.admissible(state, small)}
+    arrays |= {"recoverable": run.recoverable(state), "admissible": admissible(run, state, small)}
     arrays["sum of tracks"] = kept_tracks
     check(f"team, {name}", arrays if tracks is None else arrays | {"tracks": one_number(tracks)})
 
 
-def test_the_decentralised_filter() -> None:
+def test_one_deputy_among_others_that_coast() -> None:
     run, others = TeamFilter(None, (*NAMES, "deputy_collision")), drawn(12, 2 * ROWS, (15.0, 40.0, 0.05))
     p, v = others.position.reshape(ROWS, 2, 3), others.velocity.reshape(ROWS, 2, 3)
     p = drawn(13, ROWS, NEAR).position[:, None] + 0.5 * p
-    found = noted(flight(lambda state, desired: run.decentralised(state, desired, p, v), NEAR, 13))
-    check("decentralised", found | {"recoverable": run.recoverable(TeamState.beside(drawn(13, ROWS, NEAR), p, v))})
+    found = noted(flight(lambda state, desired: beside(run, state, desired, p, v), NEAR, 13))
+    kept = run.recoverable(among_coasting(drawn(13, ROWS, NEAR), p, v))
+    check("decentralised", found | {"recoverable": kept})

@@ -25,7 +25,6 @@ from safe_inspect.rta.docking import SpeedLimitFilter
 from safe_inspect.rta.filters.backup.model import leading_holds
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter
 
 from ..golden.records import check_record
@@ -96,13 +95,10 @@ def test_what_a_constraint_says_of_states(name: str) -> None:
 
 
 @pytest.mark.parametrize("task", ["shipped", "other"])
-def test_the_half_spaces_of_the_continuous_and_the_ellipse_of_the_switching_filter(task: str) -> None:
+def test_the_half_spaces_of_the_continuous_filter(task: str) -> None:
     run, state = ContinuousFilter(TASKS[task]), drawn(2, 16)
     rows, bounds = run.conditions(state, [each.evaluate(state) for each in run.constraints.values()])
-    switching = SimplexFilter(TASKS[task])
-    position, velocity = switching.ellipse(state)
-    found = {"rows": folded(rows), "bounds": bounds[:6], "gain": switching.gain, "position": position}
-    check_record(RECORD, f"filters, {task}", found | {"velocity": velocity, "thrust": switching.tracking(state)})
+    check_record(RECORD, f"filters, {task}", {"rows": folded(rows), "bounds": bounds[:6]})
 
 
 @pytest.mark.parametrize("bounds", [None, DisturbanceBounds(velocity=1e-5, position_error=1e-3, thrust_gain=1e-3)])

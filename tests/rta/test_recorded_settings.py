@@ -21,11 +21,11 @@ from safe_inspect.rta.audit.audit import grazing_states, settings
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.simplex import SimplexFilter, SimplexMemory
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
+from .coasting_others import beside
 from .limit_flights import BOUNDS, SUMS, drawn, noted, one_number, wanted
 
 RECORD, SETTINGS = Path(__file__).with_name("settings.json"), 24
@@ -66,7 +66,6 @@ BUILT: dict[str, Callable[[dict[str, float], tuple[str, ...]], Any]] = {
     "one hold": lambda values, names: BackupFilter(values, names, several_holds=False),
     "tube": lambda values, names: BackupFilter(values, names, disturbance=BOUNDS),
     "continuous": ContinuousFilter,
-    "switching": lambda values, names: SimplexFilter(values, names, delta_v_limit=20.0 * values["v0"]),
     "decentralised": lambda values, names: TeamFilter(values, (*names, "deputy_collision", "deputy_PSM")),
 }
 
@@ -85,14 +84,13 @@ def test_random_settings(name: str) -> None:
         def step(state: RelativeState, desired: FloatArray, run: Any = run, memory: list[Any] = memory) -> Any:
             if isinstance(run, TeamFilter):
                 others = np.roll(state.position, 1, axis=0), np.roll(state.velocity, 1, axis=0)
-                return run.decentralised(state, desired, *(array[:, None] for array in others))
-            tracks = isinstance(run, BackupFilter) and run.tracker is not None
-            if not tracks and not isinstance(run, SimplexFilter):
+                return beside(run, state, desired, *(array[:, None] for array in others))
+            if not isinstance(run, BackupFilter) or run.tracker is None:
                 return run(state, desired)
             if memory[0] is None:
-                memory[0] = (run.memory if tracks else SimplexMemory.zeros)(len(state))
-            result, memory[0] = (run.track if tracks else run)(state, desired, memory[0])
-            memory.append(one_number(memory[0]).sum() if tracks else memory[0].delta_v.sum())
+                memory[0] = run.memory(len(state))
+            result, memory[0] = run.track(state, desired, memory[0])
+            memory.append(one_number(memory[0]).sum())
             return result
 
         found[str(number)] = [*sums(step, state, values), *memory[1:]]

@@ -9,8 +9,7 @@ import pytest
 
 from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
 from safe_inspect.rta.audit.audit import settings
-from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.constraints import NAMES
 from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 
 N = 0.001027
@@ -57,20 +56,6 @@ def test_a_team_names_the_pairs_and_deputies_that_refuse() -> None:
         np.testing.assert_array_equal(refused["r_max"], [False, False, True])
         np.testing.assert_allclose(phi["deputy_collision"][1], 4.0 - 10.0)
         np.testing.assert_allclose(phi["r_max"][2], 800.0 - 1200.0)
-
-
-def test_the_selected_rows_of_a_plan_that_is_only_safe_with_half_of_the_margins_are_filled_in() -> None:
-    """A circle about the chief at half of the margin of 1 mm from the collision radius."""
-    run = BackupFilter(names=["chief_collision"])
-    ranges = np.array([60.0, 10.0 + 7e-4, 60.0, 10.0 + 1e-4])
-    position = np.stack((0.5 * ranges, 0.0 * ranges, 0.5 * np.sqrt(3.0) * ranges), axis=1)
-    velocity = np.stack((0.0 * ranges, -2.0 * N * position[:, 0], 0.0 * ranges), axis=1)
-    state = RelativeState(position, velocity, np.zeros(4))
-    whole, half, both = run.plans(state)[0], run.plans(state, 0.5), run.backups(state)
-    np.testing.assert_array_equal(both[0], whole | half[0])
-    np.testing.assert_array_equal(both[1][~whole], half[1][~whole])
-    np.testing.assert_array_equal(both[1][whole], run.plans(state)[1][whole])
-    assert whole.tolist() == [True, False, True, False]
 
 
 def test_the_settings_of_audits_fill_their_ranges() -> None:

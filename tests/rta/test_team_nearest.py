@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from admissible import admissible
 from team_safety import draw_teams
 
 from safe_inspect.dynamics.cwh import propagate, transition
@@ -39,7 +40,7 @@ def nearest_found(run, state, desired, start, rounds=30, tries=16):
         away /= np.sqrt(np.square(away).sum(axis=(-1, -2), keepdims=True)) + 1e-12
         length = np.minimum(step, apart(desired, best))
         trial = np.clip(best[:, None] + length[:, None, None, None] * away, -limit, limit)
-        safe = run.admissible(each, trial.reshape(-1, *best.shape[1:])).reshape(len(best), tries)
+        safe = admissible(run, each, trial.reshape(-1, *best.shape[1:])).reshape(len(best), tries)
         left = np.where(safe, apart(trial, desired[:, None]), np.inf)
         choice, gained = left.argmin(axis=1), left.min(axis=1) < apart(best, desired) - 1e-6
         best[gained] = trial[gained, choice[gained]]
@@ -57,7 +58,7 @@ def test_what_is_flown_is_the_nearest_but_for_few(deputies):
         desired = np.clip(generator.normal(size=state.position.shape), -1.0, 1.0)
         result = run(state, desired, plan)
         found = nearest_found(run, state, desired, result.control)
-        assert run.admissible(state, result.control).all()
+        assert admissible(run, state, result.control).all()
         short.append(apart(result.control, desired) - apart(found, desired))
         state, plan = flown(run, state, result.control), result.plan
     short = np.concatenate(short)

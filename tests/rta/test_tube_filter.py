@@ -19,7 +19,7 @@ from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.filters.backup.deviations import PlanTracker, leaves_nothing
 from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
-from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter
+from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01
@@ -196,7 +196,7 @@ def test_in_the_environment_every_constraint_holds_through_resets():
             {"bounds": {**FIELDS, "velocity": 5e-5}},
             "`velocity` is 0.0001, from BoundedDisturbance, which exceeds this bound",
         ),
-        ({"overrides": [f"{GLUE}.method=simplex"]}, "the method 'simplex' does not support `disturbance`"),
+        ({"overrides": [f"{GLUE}.method=continuous"]}, "the method 'continuous' does not support `disturbance`"),
         ({"bounds": {**FIELDS, "velocity_error": 3.0}}, "leave nothing of the 790 m"),
     ],
 )
@@ -206,24 +206,6 @@ def test_bounds_that_do_not_fit_are_refused_with_one_message(arguments, words):
         spec(*arguments.pop("overrides", ()), **arguments)
     assert words in str(caught.value)
     assert len(caught.value.problems) == 1
-
-
-def test_the_thrust_that_tracks_a_plan_is_the_plan_and_the_gain_within_the_thrusters(run):
-    """thrust = clip(plan + gain (state - nominal state), -u_max, u_max) where a plan is remembered."""
-    generator = np.random.default_rng(4)
-    state = RelativeState(generator.normal(size=(60, 3)) * 100.0, generator.normal(size=(60, 3)) * 0.1, np.zeros(60))
-    memory = np.zeros((60, MEMORY))
-    away = generator.normal(size=(60, 6)) * np.repeat([[0.1], [10.0], [1e3]], 20, axis=0)
-    memory[:, :6] = np.concatenate((state.position, state.velocity), axis=1) - away
-    memory[:, 6:9] = generator.uniform(-0.5, 0.5, (60, 3))
-    memory[:, MEMORY - 1] = 1.0
-    limit = run.parameters.u_max
-    expected = np.clip(memory[:, 6:9] + away @ run.tracker.gain.T, -limit, limit)
-    found = run.tracking(state, memory)
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    assert (found == limit).any()
-    assert (found == -limit).any()
-    assert (abs(found) < limit).any()
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,6 @@ def test_the_sensors_tell_directions_in_hills_frame():
     turned = np.stack([attitude(state)[n].apply(model.points) for n in range(turning.num_envs)])
     lit = np.einsum("npk,nk->np", turned, state.sun_direction) > 0.0
     assert (points.lit == lit).mean() > 0.9999
-    assert (points.candidates == (lit & ~points.inspected)).mean() > 0.9999
 
 
 def test_what_plans_for_a_chief_at_rest_refuses():

@@ -119,21 +119,6 @@ def test_estimates_are_offered_by_their_names():
         np.testing.assert_allclose(np.linalg.norm(all_ - truth[:, :2], axis=-1), error, rtol=1e-6)
 
 
-@pytest.mark.parametrize("part", ["ambient", "diffuse", "specular"])
-def test_each_part_of_the_light_falls_on_the_same_part_of_the_surface(part):
-    """Colour by colour; and what is binary has no colours."""
-    sun, chief = {part: (0.2, 0.4, 0.6)}, {part: (0.5, 0.7, 0.9), "shininess": 40.0}
-    given = {"light_properties": sun, "chief_properties": chief, "ray_offset": 0.1}
-    plain = IlluminationParams(bin_ray_flag=False).light(10.0)
-    light = IlluminationParams(bin_ray_flag=False, **given).light(10.0)
-    for other in ("ambient", "diffuse", "specular"):
-        expected = (0.1, 0.28, 0.54) if other == part else getattr(plain, other)
-        assert getattr(light, other) == pytest.approx(expected), other
-    assert light.exponent == pytest.approx(10.0)
-    assert IlluminationParams(**given).light(10.0) == IlluminationParams(ray_offset=0.1).light(10.0)
-    assert light.threshold == IlluminationParams(**given).light(10.0).threshold < plain.threshold
-
-
 def test_the_points_of_several_bodies_are_counted_together():
     """Those of the team in each environment, and those that each deputy was the first to inspect."""
     numbers = {"chief": 20, "module": 50}

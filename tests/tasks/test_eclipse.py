@@ -35,13 +35,12 @@ def dark(env: BatchedEnvironment) -> np.ndarray:
     return np.cos(env.state.sun_angle) < EDGE
 
 
-@pytest.mark.parametrize("light", [[], ["illumination_params.bin_ray_flag=false"]], ids=["binary", "graded"])
 @pytest.mark.parametrize(
     "turning", [[], ["simulator.config.chief_angular_velocity=[0.001, 0, 0.002]"]], ids=["", "turning"]
 )
-def test_points_are_inspected_as_without_eclipse_but_for_the_shadow(light: list[str], turning: list[str]) -> None:
+def test_points_are_inspected_as_without_eclipse_but_for_the_shadow(turning: list[str]) -> None:
     """Until the first step in the shadow both worlds are the same, and in the shadow nothing is inspected."""
-    plain, shaded = made(PLAIN, light + turning), made(PLAIN, [*light, *turning, ON])
+    plain, shaded = made(PLAIN, turning), made(PLAIN, [*turning, ON])
     thrust = np.ones((plain.num_envs, 1, 3))  # the level 0 N of each axis
     lit_so_far, changed = ~dark(shaded), 0
     points = shaded.view().points("chief")
@@ -59,7 +58,6 @@ def test_points_are_inspected_as_without_eclipse_but_for_the_shadow(light: list[
         np.testing.assert_array_equal(inspected[lit_so_far], unshaded[lit_so_far])
         changed += int((inspected != before)[~in_shadow].sum())
         assert not shaded.view().points("chief").lit[in_shadow].any()
-        assert not shaded.view().points("chief").candidates[in_shadow].any()
         np.testing.assert_array_equal(np.isnan(shaded.state["light_direction"][:, 0]), in_shadow)
         np.testing.assert_array_equal(shaded.state["sun_direction"], plain.state["sun_direction"])
     assert lit_so_far.any()

@@ -9,7 +9,6 @@ import pytest
 from pydantic import ValidationError
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.geometry.light import binary_light
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Credit, Scores, Surface
 from safe_inspect.random.splitmix import draw_in_ball, uniform_at
@@ -156,7 +155,7 @@ def test_cameras_see_what_is_lit_above_the_horizon_in_their_cones(half_angle: fl
         expected[(expected < 0) & sees] = d
     credit = Credit(inspector.copy(), np.full(rows, -5), np.full((rows, DEPUTIES), -5))
     scores = Scores(weights, np.full(rows, -5.0), np.full((rows, DEPUTIES), -5.0))
-    camera, surface = ConeCamera(axis, half_angle), Surface(points, radius, binary_light(radius))
+    camera, surface = ConeCamera(axis, half_angle), Surface(points, radius, 0.0)
     inspect_by_camera(position, orientation, DEPUTIES, camera, sun, surface, active, credit, scores)
     np.testing.assert_array_equal(credit.inspector, expected)
     changed = (expected != inspector).any(axis=1)

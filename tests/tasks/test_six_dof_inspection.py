@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 from safe_inspect.config.data import configs_root
@@ -15,8 +14,9 @@ from safe_inspect.dynamics import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
+from safe_inspect.evaluation.packing import save_packed
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.results.files import read_trajectories, trajectory_table
+from safe_inspect.evaluation.results.files import read_trajectories
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.policies import RandomThrust, ScriptedPolicy, SixDofInspector, ZeroThrust
 
@@ -269,7 +269,7 @@ def test_thrust_along_hills_axes_is_turned_into_body_axes():
 def test_a_recorded_episode_keeps_attitudes_moments_and_the_camera(tmp_path):
     spec = with_scripted(load_spec(TASK, ["horizon=12"]), SixDofInspector(translation=RandomThrust()))
     flown = rollout(spec, {}, episodes=2, seed=0, record=2).trajectories
-    parquet.write_table(trajectory_table(flown), tmp_path / "trajectories.parquet")
+    save_packed(tmp_path / "trajectories.npz", flown)
     for one, again in zip(flown, read_trajectories(tmp_path), strict=True):
         assert again.control.shape == (12, 1, 6)
         for name in ("control", "position", "orientation", "angular_velocity"):

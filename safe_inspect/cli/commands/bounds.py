@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.building.disturbances import disturbances, kept_by, required
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
@@ -22,11 +21,6 @@ _COLUMNS = {
     "velocity": "velocity [m/s]", "position_error": "position [m]", "velocity_error": "velocity error [m/s]",
     "thrust_gain": "thrust [-]", "thrust_direction": "direction [rad]",
 }  # fmt: skip
-
-
-def add_bounds_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``bounds``."""
-    add_experiment_arguments(parser)
 
 
 def run_bounds(arguments: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 
 from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.commands.checked_settings import checked_settings
-from safe_inspect.cli.common import add_experiment_arguments, print_doubts
+from safe_inspect.cli.common import print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment, replaced_lists
 from safe_inspect.config.messages.schema import FILES, model_schema
@@ -24,7 +24,7 @@ from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.outputs import check_writable, new_file
-from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.plugin import Plugin, documented_fields
 from safe_inspect.plugins.registry import registry
 from safe_inspect.rendezvous.experiment import RendezvousConfig, is_rendezvous, load_rendezvous
 from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES, TEAM_TASKS
@@ -32,19 +32,12 @@ from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES, TEAM_TASKS
 #: The model of each kind of file with a schema.
 _SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
 
-_FIELD = re.compile(r"^\s{4}(\w+): (.*(?:\n\s{8}.*)*)", re.MULTILINE)
-
 
 def add_list_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``list``."""
     kinds = ", ".join(registry.kinds())
     add_option(parser, "kind", "KIND", f"one of: tasks, policies, {kinds} (default: all plugins)", nargs="?")
     add_option(parser, "name", "NAME", "name of one plugin, or dotted path of one of your own", nargs="?")
-
-
-def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``validate``."""
-    add_experiment_arguments(parser)
 
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
@@ -182,23 +175,13 @@ def _block(name: str, cls: type[Plugin], *, nested: bool) -> str:
 
 def _fields(cls: type[BaseModel], indent: int, *, nested: bool) -> Iterator[str]:
     """Yield a line for each field of a model, and with `nested` for those of the models that it takes."""
-    documented = _documented(cls)
+    documented = documented_fields(cls)
     for field, info in cls.model_fields.items():
         about = documented.get(field, "")
         yield f"{' ' * indent}{field} = {_default(info)}" + (f"  {about}" if about else "")
         for kind in (info.annotation, *get_args(info.annotation)) if nested else ():
             if inspect.isclass(kind) and issubclass(kind, BaseModel) and not issubclass(kind, Plugin):
                 yield from _fields(kind, indent + 4, nested=True)
-
-
-def _documented(cls: type[BaseModel]) -> dict[str, str]:
-    """Return the descriptions of the fields in the docstrings of a class and its bases; the class has precedence."""
-    texts: dict[str, str] = {}
-    for parent in cls.__mro__:
-        text = inspect.cleandoc(vars(parent).get("__doc__") or "").partition("Attributes:\n")[2].partition("\n\n")[0]
-        for field, about in _FIELD.findall(text):
-            texts.setdefault(field, " ".join(about.split()))
-    return texts
 
 
 def _default(info: Any) -> str:

@@ -15,6 +15,7 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.results.files import (
+    TRAJECTORIES,
     is_evaluation,
     read_evaluation,
     read_evaluation_record,
@@ -24,7 +25,7 @@ from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
-from safe_inspect.experiments.runs.trials import learning_curves_in, one_recipe, recipes_of
+from safe_inspect.experiments.runs.trials import learning_curves_in, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.film import Film
 from safe_inspect.figures.learning_curves import curves_figure
@@ -66,12 +67,10 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_curves_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all arguments of ``curves``."""
-    append: dict[str, Any] = {"action": "append", "default": []}
     runs = "folder of a training run, a search or a trial; runs that differ only in their seed are one recipe"
     parser.add_argument("runs", nargs="*", metavar="RUN", help=runs)
     label = "label: once for each RUN (runs with equal labels are one recipe), or once for each recipe"
-    add_option(parser, "--label", "TEXT", label, **append)
-    add_option(parser, "--recipe", "TEXT", "a label followed by the RUNs of one recipe", nargs="+", **append)
+    add_option(parser, "--label", "TEXT", label, action="append", default=[])
     centre = "mean or interquartile mean over seeds (default: mean)"
     parser.add_argument("--centre", choices=("mean", "iqm"), default="mean", help=centre)
     parser.add_argument("--each", action="store_true", help="also draw a line for each seed")
@@ -172,15 +171,9 @@ def run_curves(arguments: argparse.Namespace) -> int:
         for run in without:
             print(f"note: {run} is left out, because it has no progress.csv", file=sys.stderr)
         runs = [run for run in runs if run not in without]
-    recipes = recipes_of(runs, arguments.label) if runs else {}
-    if arguments.label and not arguments.runs:
-        raise SafeInspectError("--label needs RUNs; give them, or use --recipe LABEL RUN...")
-    for label, *runs in arguments.recipe:
-        if not runs:
-            raise SafeInspectError(f"--recipe {label}: there is no RUN after the label; give folders of training runs")
-        recipes.setdefault(label, []).extend(path for run in runs for path in one_recipe(run))
-    if not recipes:
+    if not runs:
         raise SafeInspectError("no learning curves: give folders of training runs")
+    recipes = recipes_of(runs, arguments.label)
     for label, paths in recipes.items():
         if len({path.resolve() for path in paths}) < len(paths):
             raise SafeInspectError(f"{label}: a run is given twice, but must count once in a band over seeds")
@@ -197,7 +190,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
 def _episode(arguments: argparse.Namespace) -> tuple[Any, str]:
     """Return the episode of the command line, evaluated or read from a recording, and a title."""
     source = Path(arguments.source).expanduser()
-    if source.suffix == ".parquet" or (source / "trajectories.parquet").is_file() or is_evaluation(source):
+    if source.suffix == ".npz" or (source / TRAJECTORIES).is_file() or is_evaluation(source):
         episode = _recorded(arguments, source)
         title = f"{source.name}, episode {episode.slot}"
     else:

@@ -6,15 +6,14 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from safe_inspect.cli.arguments import add_option, positive
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.cli.flights import NUM_ENVS, fly_candidates
 from safe_inspect.config.data import configs_root
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
 from safe_inspect.evaluation.baselines import OPTIMISER, complete
@@ -54,15 +53,14 @@ def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A row that is ready to run; `candidate` is None for open-loop plans."""
+    """A row that is ready to run, with its task and overrides; `candidate` is None for open-loop plans."""
 
     board: Board
     row: FlownRow
+    task: str
+    overrides: tuple[str, ...]
+    spec: EnvironmentSpec
     candidate: Candidate | None
-
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        return (*self.board.overrides, *self.row.overrides)
 
 
 def run_leaderboard(arguments: argparse.Namespace) -> int:
@@ -131,7 +129,7 @@ def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
         try:
             if row.source == OPTIMISER:
                 candidate, spec = None, load_spec(task, overrides)
-                coverage_task(spec)
+                coverage_task(spec)  # an error, if the optimiser does not support it
             else:
                 (candidate,) = open_candidates([row.source], Wanted(task, overrides, seed=leaderboard.seed))
                 spec = candidate.experiment.spec
@@ -142,7 +140,7 @@ def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
             raise SafeInspectError(
                 f"{where}: its task differs from that of the board: `{differing[0]}`; put the row into another board"
             )
-        found.append(_Entry(board, row, candidate))
+        found.append(_Entry(board, row, task, overrides, spec, candidate))
     return found
 
 
@@ -156,8 +154,10 @@ def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderb
             command=arguments.command, output=folder, force=True, episodes=leaderboard.episodes, seed=leaderboard.seed,
             num_envs=arguments.num_envs, record=0, reference=None, sampled=None, overrides=list(entry.overrides),
         )  # fmt: skip
-        fly_candidates(wanted, [entry.candidate], default_metrics(entry.candidate.experiment.spec), None)
-    return Standing.of_evaluation(entry.row, read_evaluation(folder), _training(entry.candidate.source))
+        fly_candidates(wanted, [entry.candidate], default_metrics(entry.spec), None)
+    source = entry.candidate.source
+    training = shipped_policy(source["text"].removeprefix(SHIPPED)).training if source["kind"] == "shipped" else {}
+    return Standing.of_evaluation(entry.row, read_evaluation(folder), training)
 
 
 def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
@@ -177,19 +177,11 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
     return same and record["source"]["sha256"] == entry.candidate.source["sha256"]
 
 
-def _training(source: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return the training section of the model card of a shipped policy."""
-    return shipped_policy(source["text"].removeprefix(SHIPPED)).training if source["kind"] == "shipped" else {}
-
-
 def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     """Return the result of open-loop plans, stored or new."""
-    task = entry.row.task or entry.board.task
-    assert task is not None, "see `_entries`"
-    spec = load_spec(task, entry.overrides)
-    about = {"safe_inspect": __version__, "configuration_file": task, "overrides": list(entry.overrides)}
-    asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(spec), about)
+    about = {"safe_inspect": __version__, "configuration_file": entry.task, "overrides": list(entry.overrides)}
+    asked = Record(OPTIMISER, leaderboard.seed, "quick", task_of(entry.spec), about)
     path.parent.mkdir(parents=True, exist_ok=True)
     with EpisodeBar(OPTIMISER) as bar:
-        record = complete(spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
-    return Standing.of_plans(entry.row, record, spec.step_size)
+        record = complete(entry.spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
+    return Standing.of_plans(entry.row, record, entry.spec.step_size)

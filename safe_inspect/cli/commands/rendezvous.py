@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-from typing import TextIO
 
 import numpy as np
 
 from safe_inspect.cli.arguments import add_option, add_output_folder, natural, positive_number
 from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_error
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
@@ -19,9 +18,6 @@ from safe_inspect.missions.log_checks import check_log
 from safe_inspect.missions.log_estimate import (
     estimate_log,
     estimate_table,
-    in_principal_axes,
-    mating_point_text,
-    pick_point,
     summary_of,
     write_estimate,
 )
@@ -35,15 +31,14 @@ from safe_inspect.rendezvous.coordination.context import MissionContext, Phase
 from safe_inspect.rendezvous.experiment import load_rendezvous, read_target
 from safe_inspect.rendezvous.plugins import FrontEnd, PipelineEstimator
 
-#: Mission time between two progress updates [s], on a terminal and elsewhere.
-_TERMINAL_PERIOD, _PERIOD = 1.0, 10.0
+#: Mission time between two lines of progress [s].
+_PERIOD = 10.0
 
 
 def add_rendezvous_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rendezvous``."""
     add_experiment_file(parser)
     add_option(parser, "--episode", "N", "fly episode N of an evaluation", natural, 0)
-    parser.add_argument("--missions", metavar="N", help=argparse.SUPPRESS)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")
 
@@ -56,11 +51,6 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
     Example:
         safe-inspect rendezvous configs/tumbling-rendezvous/experiment-truth.yml --output output/mission
     """
-    if arguments.missions is not None:
-        raise SafeInspectError(
-            f"--missions has been removed; run several with `safe-inspect evaluate --cfg {arguments.cfg} --episodes "
-            f"{arguments.missions}`, with --workers and --output as before"
-        )
     print_loading()
     experiment = load_rendezvous(arguments.cfg, arguments.overrides)
     print_doubts(check_scenario(experiment, arguments.episode + 1))
@@ -68,11 +58,8 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
         print(experiment.text, end="")
         return 0
     with output_folder(arguments) as folder:
-        lines = _MissionLines(sys.stderr)
-        try:
-            result = Mission(experiment.config, arguments.episode, lines.change, lines.step).run()
-        finally:
-            lines.close()
+        lines = _MissionLines()
+        result = Mission(experiment.config, arguments.episode, lines.change, lines.step).run()
         if folder is not None:
             result.log.write(folder, experiment.text, result.summary)
     print(mission_table(result.summary))
@@ -82,38 +69,27 @@ def run_rendezvous(arguments: argparse.Namespace) -> int:
 
 
 class _MissionLines:
-    """Progress of a mission: on a terminal one line that is updated, elsewhere a line every ten seconds of mission."""
+    """Progress of a mission on standard error: changes of state, and a line for every ten seconds of the mission."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._is_terminal = stream, stream.isatty()
+    def __init__(self) -> None:
         self._next = 0.0
 
     def change(self, time: float, before: Phase, guard: str, after: Phase) -> None:
-        """Show a change of state."""
-        self._show(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
+        """Print a change of state."""
+        print_error(f"{time:8.1f} s  {before.value} -> {after.value} ({guard})")
 
     def step(self, context: MissionContext) -> None:
-        """Show the state of the mission, if an update is due."""
+        """Print the state of the mission, if a line is due."""
         if context.time < self._next:
             return
-        self._next = context.time + (_TERMINAL_PERIOD if self._is_terminal else _PERIOD)
+        self._next = context.time + _PERIOD
         estimate = context.estimate
         distance = float(np.linalg.norm(estimate.relative[:3]))
         known = estimate.problem or (
             f"attitude within {math.degrees(estimate.errors.attitude):.2g} deg, "
             f"rate within {math.degrees(estimate.errors.rate):.2g} deg/s"
         )
-        self._show(f"{context.time:8.1f} s  {context.phase.value}, {distance:.2f} m from the target's centre; {known}")
-
-    def close(self) -> None:
-        """Remove the line from a terminal."""
-        if self._is_terminal:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
-
-    def _show(self, line: str) -> None:
-        self._stream.write(f"\r{line}\x1b[K" if self._is_terminal else f"{line}\n")
-        self._stream.flush()
+        print_error(f"{context.time:8.1f} s  {context.phase.value}, {distance:.2f} m from the target's centre; {known}")
 
 
 FIGURE = "estimate.png"
@@ -136,8 +112,6 @@ def add_characterise_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--target", "FILE", target)
     front_end = "front end (default: ModelFrontEnd with a target, else GicpSubmapFrontEnd)"
     add_option(parser, "--front-end", "NAME", front_end)
-    pick = "print the mating point at a distance [m] above what a pixel of a frame sees"
-    add_option(parser, "--pick", "FRAME,COLUMN,ROW,DISTANCE", pick)
     add_output_folder(parser, "estimate, tables and figure")
 
 
@@ -181,8 +155,6 @@ def run_characterise(arguments: argparse.Namespace) -> int:
     target = None if arguments.target is None else read_target(arguments.target)
     name = arguments.front_end or ("GicpSubmapFrontEnd" if target is None else "ModelFrontEnd")
     front_end: FrontEnd = registry.get("front_end", name)()
-    picked = None if arguments.pick is None else _picked(arguments.pick)
-    above = None if picked is None else pick_point(log, *picked)
     with output_folder(arguments) as folder:
         with EpisodeBar("frames") as bar:
             bar.show(0, len(log))
@@ -191,23 +163,6 @@ def run_characterise(arguments: argparse.Namespace) -> int:
             write_estimate(folder, log, estimate)
             save(estimate_figure(log, estimate), folder / FIGURE)
     print(estimate_table(summary_of(log, estimate)))
-    if picked is not None and above is not None:
-        point = in_principal_axes(log, estimate, picked[0], above)
-        print(f"mating_point: {mating_point_text(point)}  # in the estimated principal axes")
     if arguments.output is not None:
         print(f"the estimate is in {arguments.output}")
     return 0
-
-
-def _picked(text: str) -> tuple[int, int, int, float]:
-    parts = text.split(",")
-    try:
-        frame, column, row = (int(part) for part in parts[:3])
-        (distance,) = (float(part) for part in parts[3:])
-        if not math.isfinite(distance):
-            raise ValueError
-    except ValueError:
-        raise SafeInspectError(
-            f"--pick {text!r}: expected frame, column, row and distance, such as --pick 12,80,90,0.3"
-        ) from None
-    return frame, column, row, distance

@@ -14,7 +14,7 @@ from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import acceptance, safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
-from safe_inspect.figures.safety_figures import acceptance_figure, safety_figure
+from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.outputs import check_ending
 from safe_inspect.rta.audit.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue
@@ -38,7 +38,6 @@ def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
     add_experiment_arguments(parser)
     add_option(parser, "--draws", "N", "number of initial states", positive, 100_000)
     add_option(parser, "--seed", "N", "seed of the draws", seed, 0)
-    add_option(parser, "--plot", "FILE", "plot the drawn and the accepted states", Path)
 
 
 def run_safety(arguments: argparse.Namespace) -> int:
@@ -51,7 +50,9 @@ def run_safety(arguments: argparse.Namespace) -> int:
     """
     if arguments.audit is not None:
         return _run_audit(arguments)
-    _check_plot(arguments)
+    if arguments.plot is not None:
+        check_ending(arguments.plot, FIGURE_ENDINGS, "figure", "--plot")
+        require_matplotlib()
     experiment = _load(arguments, enabled=not arguments.off)
     with EpisodeBar("steps") as bar:
         bar.show(0, arguments.steps)
@@ -94,7 +95,6 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
     Example:
         safe-inspect acceptance configs/translational-inspection/experiment.yml
     """
-    _check_plot(arguments)
     spec = _load(arguments).spec
     found = acceptance(spec, arguments.draws, arguments.seed)
     print(found)
@@ -106,15 +106,7 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
             f"{name}.config.enabled=true to reject initial states that the filter cannot keep safe too",
             file=sys.stderr,
         )
-    if arguments.plot is not None:
-        save(acceptance_figure(found), arguments.plot)
     return 0
-
-
-def _check_plot(arguments: argparse.Namespace) -> None:
-    if arguments.plot is not None:
-        check_ending(arguments.plot, FIGURE_ENDINGS, "figure", "--plot")
-        require_matplotlib()
 
 
 def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:

@@ -24,7 +24,7 @@ from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import recipes_of, trial_table
 from safe_inspect.figures.drawing import save
-from safe_inspect.figures.learning_curves import curves_figure, learning_curve_figure
+from safe_inspect.figures.learning_curves import curves_figure
 from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.sets import name_of
 
@@ -170,7 +170,7 @@ def _draw_curve(folder: Path) -> Path | None:
     """Draw the learning curve, or those of a search's trials; skip it without matplotlib or without an iteration."""
     target, progress = folder / "learning_curve.png", folder / "progress.csv"
     try:
-        save(learning_curve_figure(progress) if progress.is_file() else curves_figure(recipes_of([folder])), target)
+        save(curves_figure({folder.name: [progress]} if progress.is_file() else recipes_of([folder])), target)
     except SafeInspectError:
         return None
     return target

@@ -1,4 +1,4 @@
-"""The keys of RLlib, Tune and Ray that are permitted in an experiment, as plain data."""
+"""The keys of RLlib, Tune and Ray that are permitted in an experiment, with the types of their values."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The keys that an experiment may give to RLlib, as plain data.
+"""The keys that an experiment may give to RLlib, with the types of their values.
 
 RLlib accepts any key without a message: unknown ones, and many of its old API stack, have
-no effect. Therefore these tables list the valid keys. They import nothing, because
+no effect. Therefore these tables list the valid keys. They do not import Ray, because
 `safe-inspect validate` must work without loading Ray; a test compares them with the
 installed release of Ray.
 """
@@ -9,62 +9,97 @@ installed release of Ray.
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Le
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    BaseModel,
+    BeforeValidator,
+    StrictBool,
+    StringConstraints,
+    WrapValidator,
+)
 
 from safe_inspect.config.keys import by_name
 
-
-@dataclass(frozen=True)
-class Key:
-    """The values that a key accepts.
-
-    Attributes:
-        kind: ``integer``, ``number``, ``boolean``, ``text``, ``mapping``, ``integers`` (a list of them),
-            ``schedule`` (a number, or pairs of step and number), ``names`` (a dotted path of a class, or a list) or
-            ``objects`` (`{functor: module.Class, config: {...}}` or a dotted path, or a list), ``object`` for one.
-        low: Smallest value of a number.
-        high: Largest value of a number; infinity is valid only if it is this value.
-        choices: The strings that are valid; for a number, strings that are valid in addition.
-        optional: Whether null is valid.
-    """
-
-    kind: str
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    optional: bool = False
+#: Pattern of the path of a class.
+DOTTED_PATH = r"^\w+(\.\w+)+$"
 
 
-_COUNT, _OPTIONAL_COUNT = Key("integer", low=0), Key("integer", low=0, optional=True)
-_POSITIVE, _OPTIONAL_POSITIVE = Key("integer", low=1), Key("integer", low=1, optional=True)
-_UNLIMITED = Key("number", low=0, high=math.inf)
-_SHARE = Key("number", low=0, high=1)
-_AMOUNT, _OPTIONAL_AMOUNT = Key("number", low=0), Key("number", low=0, optional=True)
-_SWITCH = Key("boolean")
-_MAPPING, _OPTIONAL_MAPPING = Key("mapping"), Key("mapping", optional=True)
-_TEXT, _OPTIONAL_TEXT = Key("text"), Key("text", optional=True)
-_RATE, _OPTIONAL_RATE = Key("schedule", low=0), Key("schedule", low=0, optional=True)
+def _as_written(value: Any, check: Callable[[Any], Any]) -> Any:
+    """Return a checked number. A whole number stays one, so that a resumed run has the configuration of its files."""
+    found = check(str(value) if isinstance(value, bool) else value)  # `true` is not 1
+    return value if isinstance(value, int) else found
+
+
+def numeric(kind: type[int] | type[float], *limits: Any) -> Any:
+    """Return the type of a number within limits."""
+    return Annotated[(kind, *limits, WrapValidator(_as_written))]  # type: ignore[misc]
+
+
+def _begins(pairs: list[tuple[int, float]]) -> list[list[float]]:
+    if not pairs or pairs[0][0] != 0:
+        raise ValueError("a schedule must begin with step 0")
+    return [list(pair) for pair in pairs]
+
+
+def _schedule(number: Any) -> Any:
+    """Return the type of a number, or of pairs of step and number."""
+    pairs: Any = list[tuple[numeric(int, Ge(0)), number]]  # type: ignore[misc]
+    return number | Annotated[pairs, AfterValidator(_begins)]
+
+
+class _Entry(BaseModel, extra="forbid"):
+    functor: Annotated[str, StringConstraints(pattern=DOTTED_PATH)]
+    config: dict[str, Any] = {}
+
+
+def _written_out(value: Any) -> Any:
+    entry = {"functor": value} if isinstance(value, str) else value
+    if isinstance(entry, Mapping) and entry.get("config", {}) is None:
+        return {**entry, "config": {}}
+    return entry
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+_GREATEST, _FINITE = Le(2**31 - 1), AllowInfNan(False)  # of C's integers
+COUNT, POSITIVE = numeric(int, Ge(0), _GREATEST), numeric(int, Ge(1), _GREATEST)
+_UNLIMITED = numeric(float, Ge(0))
+NUMBER = numeric(float, _FINITE)
+_SHARE = numeric(float, Ge(0), Le(1))
+AMOUNT = numeric(float, Ge(0), _FINITE)
+_RATE = _schedule(AMOUNT)
+_MAPPING = dict[Any, Any]
+_SIZES: Any = list[POSITIVE]  # type: ignore[valid-type]
+_AUTO = Literal["auto"]
+_PATHS = Annotated[list[Annotated[str, StringConstraints(pattern=DOTTED_PATH)]], BeforeValidator(_listed)]
+#: `{functor: module.Class, config: {...}}` or a dotted path, and a list of these.
+OBJECT = Annotated[_Entry, BeforeValidator(_written_out), AfterValidator(_Entry.model_dump)]
+OBJECTS = Annotated[list[OBJECT], BeforeValidator(_listed)]
 
 #: Keys of every RLlib algorithm: attributes of `AlgorithmConfig`.
-COMMON_KEYS: dict[str, Key] = by_name(
+COMMON_KEYS: dict[str, Any] = by_name(
     {
         _SHARE: "gamma",
         _RATE: "lr",
-        Key("number", low=0, high=math.inf, optional=True): "grad_clip sample_timeout_s",
-        Key("text", choices=("value", "norm", "global_norm")): "grad_clip_by",
-        _POSITIVE: """
+        _UNLIMITED | None: "grad_clip sample_timeout_s",
+        Literal["value", "norm", "global_norm"]: "grad_clip_by",
+        POSITIVE: """
             train_batch_size_per_learner num_epochs num_envs_per_env_runner max_requests_in_flight_per_env_runner
             env_runner_state_server_max_concurrency max_requests_in_flight_per_aggregator_actor
             max_requests_in_flight_per_learner evaluation_auto_duration_min_env_steps_per_sample
             evaluation_auto_duration_max_env_steps_per_sample metrics_num_episodes_for_smoothing
         """,
-        _OPTIONAL_POSITIVE: "minibatch_size evaluation_interval evaluation_error_after_n_consecutive_skips",
-        _SWITCH: """
+        POSITIVE | None: "minibatch_size evaluation_interval evaluation_error_after_n_consecutive_skips",
+        StrictBool: """
             shuffle_batch_per_epoch explore validate_env_runners_after_construction create_env_on_local_worker
             create_local_env_runner broadcast_env_runner_states use_env_runner_state_server torch_compile_learner
             torch_compile_worker torch_skip_nan_gradients evaluation_parallel_to_training
@@ -75,82 +110,79 @@ COMMON_KEYS: dict[str, Key] = by_name(
             learner_config_dict custom_resources_per_env_runner custom_resources_per_learner
             custom_resources_for_main_process torch_ddp_kwargs
         """,
-        _COUNT: """
+        COUNT: """
             num_env_runners episode_lookback_horizon num_learners num_aggregator_actors_per_learner local_gpu_idx
             evaluation_num_env_runners min_train_timesteps_per_iteration min_sample_timesteps_per_iteration
             max_num_env_runner_restarts num_consecutive_env_runner_failures_tolerance
         """,
-        _AMOUNT: "num_cpus_per_env_runner num_gpus_per_env_runner num_gpus_per_learner num_cpus_for_main_process",
-        Key("integer", low=1, choices=("auto",)): "rollout_fragment_length evaluation_duration",
-        Key("text", choices=("truncate_episodes", "complete_episodes")): "batch_mode",
-        Key("boolean", choices=("training_only",)): "merge_env_runner_states",
-        Key("number", low=0, choices=("auto",)): "num_cpus_per_learner",
-        Key("text", choices=("PACK", "SPREAD", "STRICT_PACK", "STRICT_SPREAD")): "placement_strategy",
-        _TEXT: "torch_compile_learner_dynamo_backend torch_compile_worker_dynamo_backend",
-        _OPTIONAL_TEXT: "torch_compile_learner_dynamo_mode torch_compile_worker_dynamo_mode",
-        Key("text", choices=("episodes", "timesteps")): "evaluation_duration_unit",
-        _OPTIONAL_MAPPING: "evaluation_config",
+        AMOUNT: "num_cpus_per_env_runner num_gpus_per_env_runner num_gpus_per_learner num_cpus_for_main_process",
+        _AUTO | POSITIVE: "rollout_fragment_length evaluation_duration",
+        Literal["truncate_episodes", "complete_episodes"]: "batch_mode",
+        StrictBool | Literal["training_only"]: "merge_env_runner_states",
+        _AUTO | AMOUNT: "num_cpus_per_learner",
+        Literal["PACK", "SPREAD", "STRICT_PACK", "STRICT_SPREAD"]: "placement_strategy",
+        str: "torch_compile_learner_dynamo_backend torch_compile_worker_dynamo_backend",
+        str | None: "torch_compile_learner_dynamo_mode torch_compile_worker_dynamo_mode",
+        Literal["episodes", "timesteps"]: "evaluation_duration_unit",
+        _MAPPING | None: "evaluation_config",
         _UNLIMITED: """
             evaluation_sample_timeout_s evaluation_unhealthy_workers_timeout_s metrics_episode_collection_timeout_s
             delay_between_env_runner_restarts_s env_runner_health_probe_timeout_s env_runner_restore_timeout_s
         """,
-        _OPTIONAL_AMOUNT: "min_time_s_per_iteration",
-        Key("text", choices=("DEBUG", "INFO", "WARN", "ERROR")): "log_level",
+        AMOUNT | None: "min_time_s_per_iteration",
+        Literal["DEBUG", "INFO", "WARN", "ERROR"]: "log_level",
         # NumPy's generators, which RLlib seeds, take no more
-        Key("integer", low=0, high=2**32 - 1, optional=True): "seed",
+        numeric(int, Ge(0), Le(2**32 - 1)) | None: "seed",
     }
 )
 
 #: Additional keys of PPO.
-PPO_KEYS: dict[str, Key] = by_name(
+PPO_KEYS: dict[str, Any] = by_name(
     {
         _SHARE: "lambda",
-        _SWITCH: "use_critic use_gae use_kl_loss",
-        _AMOUNT: "kl_coeff kl_target vf_loss_coeff",
+        StrictBool: "use_critic use_gae use_kl_loss",
+        AMOUNT: "kl_coeff kl_target vf_loss_coeff",
         _RATE: "entropy_coeff",
         # with 0 there is no gradient
-        Key("number", low=1e-6, high=math.inf): "clip_param vf_clip_param",
+        numeric(float, Ge(1e-6)): "clip_param vf_clip_param",
     }
 )
 
-_REPLAY_KEYS: dict[str, Key] = by_name(
+_REPLAY_KEYS: dict[str, Any] = by_name(
     {
         _MAPPING: "replay_buffer_config",
-        _COUNT: "num_steps_sampled_before_learning_starts target_network_update_freq",
-        _OPTIONAL_AMOUNT: "training_intensity",
-        _SWITCH: "store_buffer_in_checkpoints",
+        COUNT: "num_steps_sampled_before_learning_starts target_network_update_freq",
+        AMOUNT | None: "training_intensity",
+        StrictBool: "store_buffer_in_checkpoints",
         _SHARE: "tau",
     }
 )
 
 #: Additional keys of SAC that are often set.
-SAC_KEYS: dict[str, Key] = _REPLAY_KEYS | by_name(
+SAC_KEYS: dict[str, Any] = _REPLAY_KEYS | by_name(
     {
-        _OPTIONAL_RATE: "actor_lr critic_lr alpha_lr",
-        _AMOUNT: "initial_alpha",
-        Key("number", choices=("auto",)): "target_entropy",
-        _SWITCH: "twin_q",
+        _RATE | None: "actor_lr critic_lr alpha_lr",
+        AMOUNT: "initial_alpha",
+        _AUTO | NUMBER: "target_entropy",
+        StrictBool: "twin_q",
     }
 )
 
 #: Additional keys of DQN that are often set.
-DQN_KEYS: dict[str, Key] = _REPLAY_KEYS | by_name(
+DQN_KEYS: dict[str, Any] = _REPLAY_KEYS | by_name(
     {
-        Key("schedule", low=0, high=1): "epsilon",
-        _SWITCH: "double_q dueling",
-        _POSITIVE: "num_atoms",
-        Key("number"): "v_min v_max",
-        _AMOUNT: "adam_epsilon",
-        Key("text", choices=("huber", "mse")): "td_error_loss_fn",
+        _schedule(_SHARE): "epsilon",
+        StrictBool: "double_q dueling",
+        POSITIVE: "num_atoms",
+        NUMBER: "v_min v_max",
+        AMOUNT: "adam_epsilon",
+        Literal["huber", "mse"]: "td_error_loss_fn",
     }
 )
 
 #: Algorithms with a table of additional keys here. The values of keys that are in no table are checked when Ray is
-#: loaded; their names are in `rllib_release`.
-ALGORITHM_KEYS: dict[str, dict[str, Key]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
-#: Algorithms with a complete table, for which any other key is a mistake.
-CLOSED_ALGORITHMS = ("PPO",)
-
+#: loaded; `keys_of_release` gives their names.
+ALGORITHM_KEYS: dict[str, dict[str, Any]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
 #: Names of RLlib's algorithms for environments (offline algorithms need data and are rejected).
 ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
 
@@ -160,16 +192,16 @@ BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
 FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
 #: Keys of safe_inspect that are given with RLlib's.
-OWN_KEYS: dict[str, Key] = by_name(
+OWN_KEYS: dict[str, Any] = by_name(
     {
-        _TEXT: "algorithm",
+        str: "algorithm",
         _MAPPING: "model_config",
-        _POSITIVE: "torch_num_threads learner_threads",
-        Key("text", choices=("batched", "stock")): "env_runner",
-        Key("text", choices=("fast", "stock")): "learner",
-        Key("names", optional=True): "callbacks",
-        Key("object", optional=True): "rl_module",
-        Key("objects", optional=True): "env_to_module_connector module_to_env_connector learner_connector",
+        POSITIVE: "torch_num_threads learner_threads",
+        Literal["batched", "stock"]: "env_runner",
+        Literal["fast", "stock"]: "learner",
+        _PATHS | None: "callbacks",
+        OBJECT | None: "rl_module",
+        OBJECTS | None: "env_to_module_connector module_to_env_connector learner_connector",
     }
 )
 
@@ -182,38 +214,38 @@ POLICY_KEYS = (
     *("use_kl_loss", "kl_coeff", "kl_target", "model_config"),
 )
 
-_ACTIVATION = Key("text", choices=("tanh", "relu", "swish", "silu", "linear"), optional=True)
+_ACTIVATION = Literal["tanh", "relu", "swish", "silu", "linear"] | None
 
 #: Initial weights of a policy: keys of safe_inspect in `model_config`, for PPO.
-FRESH_KEYS: dict[str, Key] = by_name(
+FRESH_KEYS: dict[str, Any] = by_name(
     {
-        _SWITCH: "orthogonal hurdle",
-        _OPTIONAL_COUNT: "initial_choice",
-        Key("number", low=0.01, high=0.99): "initial_probability initial_burn_probability",
-        Key("number", low=1e-4, optional=True): "initial_std",
-        _OPTIONAL_TEXT: "initial_weights",
+        StrictBool: "orthogonal hurdle",
+        COUNT | None: "initial_choice",
+        numeric(float, Ge(0.01), Le(0.99)): "initial_probability initial_burn_probability",
+        numeric(float, Ge(1e-4), _FINITE) | None: "initial_std",
+        str | None: "initial_weights",
     }
 )
 
 #: Keys of the networks: attributes of `DefaultModelConfig` that apply to vectors of numbers.
-MODEL_KEYS: dict[str, Key] = by_name(
+MODEL_KEYS: dict[str, Any] = by_name(
     {
-        Key("integers", low=1): "fcnet_hiddens head_fcnet_hiddens",
+        _SIZES: "fcnet_hiddens head_fcnet_hiddens",
         _ACTIVATION: "fcnet_activation head_fcnet_activation",
-        _OPTIONAL_TEXT: """
+        str | None: """
             fcnet_kernel_initializer fcnet_bias_initializer head_fcnet_kernel_initializer head_fcnet_bias_initializer
             lstm_kernel_initializer lstm_bias_initializer
         """,
-        _OPTIONAL_MAPPING: """
+        _MAPPING | None: """
             fcnet_kernel_initializer_kwargs fcnet_bias_initializer_kwargs head_fcnet_kernel_initializer_kwargs
             head_fcnet_bias_initializer_kwargs lstm_kernel_initializer_kwargs lstm_bias_initializer_kwargs
         """,
-        _SWITCH: """
+        StrictBool: """
             fcnet_use_layernorm head_fcnet_use_layernorm free_log_std vf_share_layers use_lstm lstm_use_prev_action
             lstm_use_prev_reward
         """,
         _UNLIMITED: "log_std_clip_param",
-        _POSITIVE: "max_seq_len lstm_cell_size",
+        POSITIVE: "max_seq_len lstm_cell_size",
     }
 )
 
@@ -264,30 +296,8 @@ PLACE_KEYS = frozenset(
 RELEASE = Path(__file__).with_name("rllib_release.json")
 
 
-def keys_of_release(algorithm: str) -> frozenset[str] | None:
-    """Return the names of the keys of an algorithm.
-
-    The result is None if another release of Ray than that of the list is installed: its names are known only when it is
-    loaded.
-
-    Args:
-        algorithm: Name of the algorithm.
-    """
-    listed, installed = _listed(), _installed()
-    if installed not in (None, listed["ray"]):
-        return None
-    return frozenset(listed["every algorithm"]) | frozenset(listed[algorithm])
-
-
 @lru_cache
-def _listed() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(RELEASE.read_text(encoding="utf-8"))
+def keys_of_release() -> dict[str, list[str]]:
+    """Return the names of the keys that each algorithm of RLlib has in addition to those of every algorithm."""
+    found: dict[str, list[str]] = json.loads(RELEASE.read_text(encoding="utf-8"))
     return found
-
-
-@lru_cache
-def _installed() -> str | None:
-    try:
-        return version("ray")
-    except PackageNotFoundError:
-        return None

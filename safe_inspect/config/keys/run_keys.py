@@ -1,28 +1,31 @@
-"""The keys of `tune_config` and `ray_config`, as plain data; `rllib_keys` gives the reason."""
+"""The keys of `tune_config` and `ray_config`, with the types of their values; `rllib_keys` gives the reason."""
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, Literal
+
+from annotated_types import Ge, Le
+from pydantic import StrictBool
 
 from safe_inspect.config.keys import by_name
-from safe_inspect.config.keys.rllib_keys import Key
+from safe_inspect.config.keys.rllib_keys import AMOUNT, COUNT, OBJECT, OBJECTS, POSITIVE, numeric
 
-TUNE_KEYS: dict[str, Key] = by_name(
+TUNE_KEYS: dict[str, Any] = by_name(
     {
-        Key("text"): "algorithm",
-        Key("text", optional=True): "name storage_path checkpoint_score_attribute metric",
-        Key("mapping", optional=True): "stop",
-        Key("integer", low=1): "num_samples",
-        Key("integer", low=0, optional=True): "max_concurrent_trials",
-        Key("number", low=0, optional=True): "time_budget_s",
-        Key("integer", low=0): "checkpoint_frequency max_failures",
-        Key("boolean"): "checkpoint_at_end reuse_actors",
-        Key("integer", low=1, optional=True): "num_to_keep",
-        Key("text", choices=("max", "min")): "checkpoint_score_order",
-        Key("object", optional=True): "scheduler search_alg",
-        Key("text", choices=("max", "min"), optional=True): "mode",
-        Key("objects", optional=True): "callbacks",
+        str: "algorithm",
+        str | None: "name storage_path checkpoint_score_attribute metric",
+        dict[Any, Any] | None: "stop",
+        POSITIVE: "num_samples",
+        COUNT | None: "max_concurrent_trials",
+        AMOUNT | None: "time_budget_s",
+        COUNT: "checkpoint_frequency max_failures",
+        StrictBool: "checkpoint_at_end reuse_actors",
+        POSITIVE | None: "num_to_keep",
+        Literal["max", "min"]: "checkpoint_score_order",
+        OBJECT | None: "scheduler search_alg",
+        Literal["max", "min"] | None: "mode",
+        OBJECTS | None: "callbacks",
     }
 )
 
@@ -60,10 +63,6 @@ TUNE_DROPPED: dict[str, str] = by_name(
         "Ray's logs are copied into the run folder when a run fails": "log_to_file",
         "the run folder is on a disk that all nodes share": "sync_config upload_dir",
         "a failed training is always an error": "raise_on_failed_trial fail_fast",
-        "Tune always queues": "queue_trials",
-        "safe_inspect names the folders": "trial_name_creator trial_dirname_creator",
-        "checkpoints contain the policy": "export_formats",
-        "it no longer has an effect": "server_port",
     }
 )
 
@@ -96,16 +95,16 @@ STOP_RENAMED: dict[str, str] = {name: f"env_runners/{name}" for name in _MEANS} 
     }
 )
 
-RAY_KEYS: dict[str, Key] = by_name(
+RAY_KEYS: dict[str, Any] = by_name(
     {
-        Key("text", optional=True): "address namespace temporary_folder",
-        Key("integer", low=1, optional=True): "num_cpus",
-        Key("integer", low=0, optional=True): "num_gpus dashboard_port",
-        Key("mapping", optional=True): "resources runtime_env",
-        Key("integer", low=78_643_200, high=2**63 - 1, optional=True): "object_store_memory",
-        Key("boolean", optional=True): "include_dashboard log_to_driver",
-        Key("text"): "dashboard_host",
-        Key("text", choices=("debug", "info", "warning", "error")): "logging_level",
+        str | None: "address namespace temporary_folder",
+        POSITIVE | None: "num_cpus",
+        COUNT | None: "num_gpus dashboard_port",
+        dict[Any, Any] | None: "resources runtime_env",
+        numeric(int, Ge(78_643_200), Le(2**63 - 1)) | None: "object_store_memory",
+        StrictBool | None: "include_dashboard log_to_driver",
+        str: "dashboard_host",
+        Literal["debug", "info", "warning", "error"]: "logging_level",
     }
 )
 
@@ -124,11 +123,6 @@ RAY_RENAMED: dict[str, str] = {"_temp_dir": "temporary_folder", "temp_dir": "tem
 RAY_DROPPED: dict[str, str] = {
     "local_mode": "Ray no longer supports it; `num_env_runners: 0` samples in the learner's process",
     "ignore_reinit_error": "safe_inspect uses Ray if its process has already started it",
-    "configure_logging": "safe_inspect configures Ray's logs",
-    "redis_max_memory": "it no longer has an effect",
-    "_redis_password": "it no longer has an effect",
-    "_memory": "it no longer has an effect",
-    "webui_host": "it no longer has an effect; see `dashboard_host`",
 }
 
 #: The value of an iteration with the time [s] that this and the earlier iterations have waited for the compiler.

@@ -51,6 +51,7 @@ _PATTERNS = {
     r"^[^/\s]+$": "a name without spaces and slashes",
     r"^[\w.-]+$": "a name of letters, digits, `_`, `.` and `-`",
     r"\S|^$": "a string that is not blank",
+    r"^\w+(\.\w+)+$": "a dotted path `module.Class`",
     "^(quick|normal|thorough)$": "quick, normal or thorough",
 }
 

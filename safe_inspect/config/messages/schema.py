@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pydantic import BaseModel
+from pydantic.json_schema import models_json_schema
 
 from safe_inspect.config.models.experiment import (
     AgentConfig,
@@ -28,16 +29,18 @@ FILES: dict[str, type[BaseModel]] = {
     "policy": PolicyConfig,
 }
 
-_REFERENCE = "#/$defs/"
-
 
 def model_schema(model: type[BaseModel]) -> dict[str, Any]:
     """Return the schema of a kind of file from its model, with the schemas of all registered plugins in ``$defs``."""
-    schema = model.model_json_schema(mode="validation")
-    definitions = schema.setdefault("$defs", {})
-    for kind in registry.kinds():
-        definitions[f"functor.{kind}"] = {"anyOf": list(functor_schemas(kind).values())}
-    spelt: dict[str, Any] = _spell_out(schema)
+    plugins = {kind: [cls for _, cls in registry.items(kind)] for kind in registry.kinds()}
+    classes: list[type[BaseModel]] = [model, *(cls for found in plugins.values() for cls in found)]
+    references, schema = models_json_schema([(cls, "validation") for cls in classes])
+    definitions = schema["$defs"]
+    named = {cls: str(reference["$ref"]).rpartition("/")[2] for (cls, _), reference in references.items()}
+    for kind, found in plugins.items():
+        definitions[f"functor.{kind}"] = {"anyOf": [functor_schema(cls, definitions[named[cls]]) for cls in found]}
+    own = definitions.pop(named[model])
+    spelt: dict[str, Any] = _spell_out({**own, "$defs": definitions})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **spelt}
 
 
@@ -49,20 +52,16 @@ def _spell_out(node: Any) -> Any:
     return [_spell_out(item) for item in node] if isinstance(node, list) else node
 
 
-def functor_schemas(kind: str) -> dict[str, dict[str, Any]]:
-    """Return the schema of the mapping of every registered plugin of a kind, by the plugin's name.
+def functor_schema(cls: type[Plugin], fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of one plugin's mapping: its name, its fields with their units, and its wrapped plugins.
 
-    Each schema is self-contained (without ``$defs``), so that ``{"anyOf": [*functor_schemas(kind).values()]}``
-    can be put anywhere into a larger one.
+    Args:
+        cls: The class of the plugin.
+        fields: The schema of its fields.
     """
-    return {name: _functor_schema(cls) for name, cls in registry.items(kind)}
-
-
-def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
-    """Return the schema of one plugin's mapping: its name, its fields with their units, and its wrapped plugins."""
-    fields = _inlined(cls.model_json_schema(mode="validation"))
+    fields = {**fields, "properties": {**fields.get("properties", {})}}
     needed = fields.pop("required", [])
-    wrapped = fields["properties"].pop("wrapped", None) if "properties" in fields else None
+    wrapped = fields["properties"].pop("wrapped", None)
     description = fields.pop("description", "")
     fields.pop("title", None)
     key = name_key(cls.kind)
@@ -97,25 +96,3 @@ def _functor_schema(cls: type[Plugin]) -> dict[str, Any]:
         given = {"properties": {"config": {"required": needed}}, "required": ["config"]}
         schema["anyOf"] = [given, {"required": ["references"]}]
     return schema
-
-
-def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema with its definitions inserted where they are used."""
-    definitions = schema.pop("$defs", {})
-
-    def walk(node: Any, within: tuple[str, ...]) -> Any:
-        if isinstance(node, list):
-            return [walk(item, within) for item in node]
-        if not isinstance(node, dict):
-            return node
-        target = node.get("$ref")
-        if isinstance(target, str) and target.startswith(_REFERENCE):
-            name = target.removeprefix(_REFERENCE)
-            rest = {key: value for key, value in node.items() if key != "$ref"}
-            if name in within:  # a model that contains itself
-                return {"type": "object", **rest}
-            return walk({**definitions[name], **rest}, (*within, name))
-        return {key: walk(value, within) for key, value in node.items()}
-
-    inlined: dict[str, Any] = walk(schema, ())
-    return inlined

@@ -6,10 +6,9 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict, locate
@@ -20,8 +19,17 @@ from safe_inspect.metrics.statistics import Interval, wilson
 from safe_inspect.planning.record import Record
 from safe_inspect.types import FloatArray
 
-_HEAD = ("", "success", "points", "delta-v [m/s]", "time [s]", "decisions", "violations", "training steps", "wall time")
-_RULE = ("---", *["---:"] * (len(_HEAD) - 1))
+#: Columns of the tables and the formats of their figures.
+_COLUMNS = {
+    "success": "{:.1%}",
+    "points": "{:.2f}",
+    "delta-v [m/s]": "{:.3f}",
+    "time [s]": "{:,.0f}",
+    "decisions": "{:,.1f}",
+    "violations": "{:.1%}",
+    "training steps": "{:,}",
+    "wall time": "{}",
+}
 _LEGEND = (
     "Success has Wilson's 95 % interval. Points (inspected points), delta-v of a deputy, time to the end of an episode",
     "and decisions are means; the decisions of a plan are its burns. Violations are the share of the episodes in which",
@@ -101,14 +109,6 @@ class Board(_Model):
     rows: tuple[FlownRow, ...] = ()
     published: tuple[PublishedRow, ...] = ()
 
-    @model_validator(mode="after")
-    def _names_differ(self) -> Board:
-        names = [slug(row.title) for row in self.rows]
-        for index, row in enumerate(self.rows):
-            if names[index] in names[:index]:
-                raise ValueError(f"two rows are named {row.title!r}; give one of them another `name`")
-        return self
-
 
 class Leaderboard(_Model):
     """All boards.
@@ -135,22 +135,22 @@ def read_leaderboard(paths: Iterable[str | os.PathLike[str]]) -> Leaderboard:
         SafeInspectError: A board has no task, or a row occurs twice.
     """
     found = [_read(path) for path in paths]
-    boards: dict[str, dict[str, Any]] = {}
-    for one in found:
-        for board in one.boards:
-            whole = boards.setdefault(board.title, {"title": board.title})
-            whole |= {key: getattr(board, key) for key in ("task", "about", "overrides") if getattr(board, key)}
-            for key in ("rows", "published"):
-                whole[key] = (*whole.get(key, ()), *getattr(board, key))
-    for title, whole in boards.items():
-        if "task" not in whole:
+    boards: dict[str, Board] = {}
+    for board in (board for one in found for board in one.boards):
+        known = boards.get(board.title, Board(title=board.title))
+        merged = {key: getattr(board, key) or getattr(known, key) for key in ("task", "about", "overrides")}
+        merged |= {key: (*getattr(known, key), *getattr(board, key)) for key in ("rows", "published")}
+        boards[board.title] = known.model_copy(update=merged)
+    for title, board in boards.items():
+        if board.task is None:
             raise SafeInspectError(f"leaderboard: the board {title!r} has no `task` in any file; add one")
-    try:
-        return Leaderboard(
-            episodes=found[0].episodes, seed=found[0].seed, boards=tuple(Board(**whole) for whole in boards.values())
-        )
-    except ValidationError as error:
-        raise SafeInspectError(f"leaderboard: {error.errors()[0]['msg'].removeprefix('Value error, ')}") from None
+        names = [slug(row.title) for row in board.rows]
+        for index, row in enumerate(board.rows):
+            if names[index] in names[:index]:
+                raise SafeInspectError(
+                    f"leaderboard: two rows are named {row.title!r}; give one of them another `name`"
+                )
+    return found[0].model_copy(update={"boards": tuple(boards.values())})
 
 
 def _read(path: str | os.PathLike[str]) -> Leaderboard:
@@ -168,31 +168,17 @@ def slug(text: str) -> str:
 
 @dataclass(frozen=True)
 class Standing:
-    """Figures of a row; None if a figure is unknown.
+    """Figures of a row.
 
     Attributes:
         name: Name in the table, in Markdown.
-        success: Share of the episodes that were won [-].
-        interval: Wilson's 95 % interval of `success`; None if it was published without.
-        points: Mean number of inspected points.
-        delta_v: Mean velocity change of a deputy [m/s].
-        time: Mean time to the end [s].
-        decisions: Mean number of decisions of a deputy.
-        violations: Share of the episodes in which a safety constraint was violated [-].
-        training_steps: Environment steps of the training.
-        wall_time: How long the training took.
+        figures: The figures by column; unknown ones are missing or None.
+        interval: Wilson's 95 % interval of the success rate; None if it was published without.
     """
 
     name: str
-    success: float | None = None
+    figures: Mapping[str, float | str | None]
     interval: Interval | None = None
-    points: float | None = None
-    delta_v: float | None = None
-    time: float | None = None
-    decisions: float | None = None
-    violations: float | None = None
-    training_steps: int | None = None
-    wall_time: str | None = None
 
     @classmethod
     def of_evaluation(cls, row: FlownRow, found: Evaluation, training: Mapping[str, str]) -> Standing:
@@ -209,48 +195,50 @@ class Standing:
         steps = training.get("environment steps", "").replace(",", "")
         return cls(
             _title(row),
-            found.team.success_rate,
+            {
+                "success": found.team.success_rate,
+                "points": _mean(figures.get("inspected points")),
+                "delta-v [m/s]": _mean(figures.get("delta-v per deputy", figures.get("delta-v"))),
+                "time [s]": float(np.mean(figures["length"])) * float(found.record["task"]["step_size"]),
+                "decisions": _mean(figures.get("decisions", figures["length"])),
+                "violations": float(np.mean(np.stack(phi).min(axis=0) < 0.0)) if phi else None,
+                "training steps": int(steps) if row.training_steps is None and steps else row.training_steps,
+                "wall time": row.wall_time or training.get("wall time"),
+            },
             found.team.success_interval,
-            _mean(figures.get("inspected points")),
-            _mean(figures.get("delta-v per deputy", figures.get("delta-v"))),
-            float(np.mean(figures["length"])) * float(found.record["task"]["step_size"]),
-            _mean(figures.get("decisions", figures["length"])),
-            float(np.mean(np.stack(phi).min(axis=0) < 0.0)) if phi else None,
-            row.training_steps if row.training_steps is not None or not steps.isdecimal() else int(steps),
-            row.wall_time or training.get("wall time"),
         )
 
     @classmethod
     def of_plans(cls, row: FlownRow, record: Record, step_size: float) -> Standing:
         """Return the standing of open-loop plans; their decisions are burns."""
         entries = record.entries
-        won = sum(entry.success for entry in entries)
-        means = np.mean([(e.inspected, e.delta_v, e.steps * step_size, e.burns) for e in entries], axis=0)
-        points, spent, time, burns = means.tolist()
-        return cls(_title(row), won / len(entries), wilson(won, len(entries)), points, spent, time, burns)
+        rows = [(e.success, e.inspected, e.delta_v, e.steps * step_size, e.burns) for e in entries]
+        means = dict(zip(_COLUMNS, np.mean(rows, axis=0).tolist(), strict=False))
+        return cls(_title(row), means, wilson(sum(entry.success for entry in entries), len(entries)))
 
     @classmethod
     def of_published(cls, row: PublishedRow) -> Standing:
         """Return the standing of published figures."""
         name = f"*{_plain(row.name)}* ({_plain(row.reference)}{f'; {_plain(row.note)}' if row.note else ''})"
-        return cls(name, success=row.success, points=row.points, delta_v=row.delta_v)
+        return cls(name, {"success": row.success, "points": row.points, "delta-v [m/s]": row.delta_v})
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Key by which the best row comes first."""
+        success, delta_v = self.figures.get("success"), self.figures.get("delta-v [m/s]")
+        return -float(success or 0.0), float(delta_v or 0.0)
 
     @property
     def cells(self) -> tuple[str, ...]:
         """The cells of its row in the table."""
-        interval = self.interval
-        between = "" if interval is None else f" ({100.0 * interval.low:.1f} to {100.0 * interval.high:.1f})"
-        return (
-            self.name,
-            _text(self.success, "{:.1%}").replace("%", " %") + between,
-            _text(self.points, "{:.2f}"),
-            _text(self.delta_v, "{:.3f}"),
-            _text(self.time, "{:,.0f}"),
-            _text(self.decisions, "{:,.1f}"),
-            _text(self.violations, "{:.1%}").replace("%", " %"),
-            _text(self.training_steps, "{:,}"),
-            self.wall_time or "-",
-        )
+        known = {column: self.figures.get(column) for column in _COLUMNS}
+        texts = {
+            column: "-" if value is None else _COLUMNS[column].format(value).replace("%", " %")
+            for column, value in known.items()
+        }
+        if self.interval is not None:
+            texts["success"] += f" ({100.0 * self.interval.low:.1f} to {100.0 * self.interval.high:.1f})"
+        return (self.name, *texts.values())
 
 
 def leaderboard_page(leaderboard: Leaderboard, standings: Sequence[Sequence[Standing]], command: str) -> str:
@@ -274,18 +262,14 @@ def leaderboard_page(leaderboard: Leaderboard, standings: Sequence[Sequence[Stan
             lines += [board.about.strip(), ""]
         changed = f", with {', '.join(f'`{override}`' for override in board.overrides)}" if board.overrides else ""
         lines += [f"Task: `{board.task}`{changed}.", ""]
-        rows = sorted(flown, key=lambda row: (-(row.success or 0.0), row.delta_v or 0.0))
-        cells = (row.cells for row in (*rows, *map(Standing.of_published, board.published)))
-        lines += [f"| {' | '.join(line)} |" for line in (_HEAD, _RULE, *cells)]
+        rows = [*sorted(flown, key=lambda row: row.rank), *map(Standing.of_published, board.published)]
+        table = [("", *_COLUMNS), ("---", *["---:"] * len(_COLUMNS)), *(row.cells for row in rows)]
+        lines += [f"| {' | '.join(line)} |" for line in table]
     return "\n".join(lines) + "\n"
 
 
 def _mean(values: FloatArray | None) -> float | None:
     return None if values is None else float(np.nanmean(values))
-
-
-def _text(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)
 
 
 def _title(row: FlownRow) -> str:

@@ -1,4 +1,4 @@
-"""`Evaluation`: the figures of a rollout, for the team and every agent, and their conversion to and from a table."""
+"""`Evaluation`: the figures of a rollout, for the team and every agent."""
 
 from __future__ import annotations
 
@@ -12,15 +12,9 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import FIGURES, Episodes, Trajectory, starting
+from safe_inspect.evaluation.episodes import FIGURES, Episodes, Trajectory
 from safe_inspect.metrics.statistics import Estimate, Interval, estimate, for_json, wilson
 from safe_inspect.types import AnyArray, FloatArray
-
-#: Prefixes of the names of columns for the whole episode, and for its initial state.
-_EPISODE, _BEGIN = "episode/", "begin/"
-#: The column with the reason why an episode was lost.
-_CAUSE = f"{_EPISODE}cause"
-_AXES = ("x", "y", "z")
 
 
 class EvaluationError(SafeInspectError):
@@ -70,7 +64,7 @@ class Evaluation:
         team: Figures of the whole episodes.
         agents: Figures of every agent by its name.
         units: Unit of every figure by its name.
-        initial_states: Initial state of each episode, by column such as ``blue0/x``, each of shape (E,).
+        initial_states: Initial state of each episode, see `Episodes`, each of shape (E, ...).
         record: Description of the evaluation, see `safe_inspect.evaluation.results.files`.
         trajectories: The recorded episodes.
         causes: Why each episode was lost, empty for one that was not, shape (E,); None if no causes are reported.
@@ -111,7 +105,7 @@ class Evaluation:
             Block(_names(episodes.status), episodes.figures(reference)),
             {name: Block(_names(agent.status), agent.figures(episodes.labels)) for name, agent in agents},
             {**FIGURES, **dict(episodes.labels.values()), **episodes.units},
-            _initial_states(episodes),
+            episodes.initial_states,
             record,
             episodes.trajectories,
             episodes.causes,
@@ -136,83 +130,9 @@ class Evaluation:
         found = agents.pop("")
         return found | ({"agents": agents} if agents else {})
 
-    def columns(self) -> dict[str, AnyArray]:
-        """Return the columns of a table with a row for each episode and agent, ordered by episode."""
-        agents, count = list(self.agents.values()), len(self)
-
-        def each(array: AnyArray) -> AnyArray:
-            return array.repeat(len(agents))
-
-        def own(arrays: Sequence[AnyArray]) -> AnyArray:
-            return np.stack(arrays, axis=1).reshape(-1)
-
-        table: dict[str, AnyArray] = {
-            "episode": each(np.arange(count)),
-            "agent": np.tile(np.array(list(self.agents), dtype=object), count),
-            "status": own([agent.status for agent in agents]),
-        }
-        missing = np.full(count, np.nan)
-        for name in dict.fromkeys(name for agent in agents for name in agent.figures):
-            table[name] = own([agent.figures.get(name, missing) for agent in agents])
-        table[f"{_EPISODE}status"] = each(self.team.status)
-        if self.causes is not None:
-            table[_CAUSE] = each(self.causes.astype(object))
-        table |= {f"{_EPISODE}{name}": each(values) for name, values in self.team.figures.items()}
-        table |= {f"{_BEGIN}{name}": each(values) for name, values in self.initial_states.items()}
-        return table
-
-    @classmethod
-    def of_columns(
-        cls, label: str, table: Mapping[str, AnyArray], units: Mapping[str, str], record: Mapping[str, Any]
-    ) -> Evaluation:
-        """Return the evaluation of a table that `columns` has made.
-
-        Raises:
-            KeyError: A column is missing.
-            ValueError: The rows are not one for each episode and agent, sorted by episode.
-        """
-        names = list(dict.fromkeys(table["agent"].tolist()))
-        count = len(table["episode"]) // max(len(names), 1)
-        if (
-            not names
-            or count < 1
-            or not np.array_equal(table["episode"], np.arange(count).repeat(len(names)))
-            or table["agent"].tolist() != names * count
-        ):
-            raise ValueError("expected one row for each episode and agent, sorted by episode")
-        agents = {}
-        for place, name in enumerate(names):
-            figures = {
-                column: values[place :: len(names)]
-                for column, values in table.items()
-                if not column.startswith((_EPISODE, _BEGIN)) and column not in ("episode", "agent", "status")
-            }
-            some = {column: values for column, values in figures.items() if not np.isnan(values).all()}
-            agents[name] = Block(table["status"][place :: len(names)], some)
-
-        whole = {name: values[:: len(names)] for name, values in table.items()}
-        team = starting(_EPISODE, whole)
-        status, causes = team.pop("status"), team.pop(_CAUSE.removeprefix(_EPISODE), None)
-        return cls(label, Block(status, team), agents, units, starting(_BEGIN, whole), record, causes=causes)
-
 
 def _names(status: AnyArray) -> AnyArray:
-    names = np.array([item.name.lower() for item in DoneStatus], dtype=object)
-    return np.asarray(names[status])
-
-
-def _initial_states(episodes: Episodes) -> dict[str, FloatArray]:
-    """Return the columns of the initial states: of each deputy, and of the arrays that components record."""
-    columns: dict[str, FloatArray] = {}
-    states = dict(episodes.initial_states)
-    vectors = (("", states.pop("position")), ("v", states.pop("velocity")))
-    for deputy, name in enumerate(episodes.agents):
-        for start, vector in vectors:
-            columns |= {f"{name}/{start}{letter}": vector[:, deputy, axis] for axis, letter in enumerate(_AXES)}
-    for name, array in states.items():
-        flat = array.reshape(len(array), -1)
-        columns |= {name: array} if array.ndim == 1 else {f"{name}/{k}": flat[:, k] for k in range(flat.shape[1])}
-    return columns
+    return np.array([item.name.lower() for item in DoneStatus])[status]
 
 
 def _as_dict(block: Block, estimates: Mapping[str, Estimate]) -> dict[str, Any]:

@@ -132,24 +132,18 @@ def pooled_table(evaluations: Sequence[Evaluation]) -> str:
     return "\n".join([line, *table])
 
 
-#: The figure that is 1 for a won episode and 0 otherwise.
-_SUCCESS = "success"
-
-
 @dataclass(frozen=True)
 class Comparison:
     """Evaluations of the same episodes, compared.
 
     Attributes:
         evaluations: The evaluations; the others are compared with the first.
-        estimates: Estimates of every figure for each evaluation that has it, by label.
         differences: Differences of every figure for each further evaluation that has it, that evaluation minus the
             first, by label.
         notes: What is left out, and why.
     """
 
     evaluations: Sequence[Evaluation]
-    estimates: Mapping[str, Mapping[str, Estimate]]
     differences: Mapping[str, Mapping[str, Difference]]
     notes: Sequence[str] = ()
 
@@ -174,9 +168,12 @@ class Comparison:
         lines += [f"  {item.label}: {ends(item.team)}" for item in self.evaluations]
         head = ("IQM", *(item.label for item in self.evaluations), "unit")
         rows: list[Row] = [head]
-        for name, each in self.estimates.items():
-            cells = [number(each[item.label].iqm) if item.label in each else "-" for item in self.evaluations]
-            rows.append((name, *cells, next(iter(each.values())).unit))
+        for name in self.differences:
+            found = [item.estimates[""].get(name) for item in self.evaluations]
+            cells = ["-" if each is None else number(each.iqm) for each in found]
+            units = [each.unit for each in found if each is not None]
+            if units:  # the success rate has no estimate
+                rows.append((name, *cells, units[0]))
         (table,) = aligned([rows])
         lines += ["", *table]
         for item in others:
@@ -202,7 +199,7 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
     for other in others:
         _check_same_episodes(first, other)
     figures = {
-        item.label: {_SUCCESS: (item.team.status == "win").astype(np.float64), **item.team.figures}
+        item.label: {"success": (item.team.status == "win").astype(np.float64), **item.team.figures}
         for item in evaluations
     }
     names = list(dict.fromkeys(name for each in figures.values() for name in each))
@@ -211,14 +208,8 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
         notes.append("the rewards differ, so returns and reward terms are left out")
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
-    estimates = {item.label: item.estimates[""] for item in evaluations}
     return Comparison(
         evaluations,
-        {
-            name: {label: estimates[label][name] for label in figures if name in estimates[label]}
-            for name in names
-            if name != _SUCCESS
-        },
         {
             name: {
                 other.label: paired_difference(
@@ -237,12 +228,12 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     who = f"{first.label} and {other.label} cannot be compared"
     remedy = "evaluate both with the same --seed, --episodes and --cfg; if only one needs overrides for that, "
     remedy += "evaluate each with --output and compare the folders"
-    for what, mine, theirs in (
+    for what, one, another in (
         ("seed", first.record["seed"], other.record["seed"]),
         ("number of episodes", len(first), len(other)),
     ):
-        if mine != theirs:
-            raise EvaluationError(f"{who}: the {what} is {mine} in one and {theirs} in the other; {remedy}")
+        if one != another:
+            raise EvaluationError(f"{who}: the {what} is {one} in one and {another} in the other; {remedy}")
     apart = list(differing_keys(first.record["task"], other.record["task"]))
     if apart:
         shown = ", ".join(apart[:3]) + (", ..." if len(apart) > 3 else "")
@@ -250,11 +241,10 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
         remedy = "evaluate both in one task with --cfg, which takes policies with the observations and actions of that "
         remedy += "task; those of other tasks have no episodes in common, so read the tables of `safe-inspect evaluate`"
         raise EvaluationError(f"{who}: {what}; {remedy}")
-    if first.initial_states.keys() != other.initial_states.keys():
+    mine, theirs = first.initial_states, other.initial_states
+    if {name: mine[name].shape for name in mine} != {name: theirs[name].shape for name in theirs}:
         raise EvaluationError(f"{who}: their deputies differ; {remedy}")
-    same = np.ones(len(first), dtype=np.bool_)
-    for name, values in first.initial_states.items():
-        same &= values == other.initial_states[name]
+    same = np.all([(mine[name] == theirs[name]).reshape(len(first), -1).all(axis=1) for name in mine], axis=0)
     if not same.all():
         raise EvaluationError(
             f"{who}: {int((~same).sum())} of their {len(same)} episodes have different initial states (the first is "

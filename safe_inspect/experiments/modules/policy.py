@@ -426,28 +426,7 @@ def trained_policy(
     Raises:
         CheckpointError: The checkpoint is missing or damaged, or has the policy not at all or only as a pickle.
     """
-    return TrainedPolicy(_load(checkpoint, policy), sampled, seed)
-
-
-def untrained_policy(checkpoint: str | os.PathLike[str], seed: int = 0, policy: str | None = None) -> TrainedPolicy:
-    """Return a policy with the same settings as a checkpoint's, but with new random weights.
-
-    Args:
-        checkpoint: The checkpoint's folder.
-        seed: Seed of the weights.
-        policy: Name of the policy; needed if the checkpoint contains several.
-
-    Raises:
-        CheckpointError: The checkpoint is missing or damaged, or has the policy not at all or only as a pickle.
-    """
-    module = _load(checkpoint, policy)
-    arguments, keywords = module.get_ctor_args_and_kwargs()
-    torch.manual_seed(seed)
-    return TrainedPolicy(type(module)(*arguments, **keywords))
-
-
-def _load(checkpoint: str | os.PathLike[str], policy: str | None) -> Any:
     folder = policy_folder(checkpoint, policy)
     for name in ("ray.rllib", "ray._common.deprecation"):
         logging.getLogger(name).setLevel(logging.ERROR)
-    return build_module(read_weights(folder), str(folder))
+    return TrainedPolicy(build_module(read_weights(folder), str(folder)), sampled, seed)

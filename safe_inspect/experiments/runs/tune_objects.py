@@ -1,17 +1,16 @@
 """Objects for Tune: the trials of a search, and the schedulers, searchers and callbacks that an experiment names.
 
 Importing this module loads Ray. Tune pickles its searcher, so `Suggestions` contains only the searcher and a count. The
-function that makes a trial from suggested values is a global variable of the process, which `making` sets.
+function that makes a trial from suggested values is an attribute of the class, which `run_tune` sets.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 from ray import tune
 from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
@@ -23,7 +22,6 @@ from safe_inspect.experiments.settings.objects import built_as, mistake
 
 #: Key of the environment's configuration for the number of the trial.
 TRIAL_KEY = "trial"
-_maker: Callable[[int, Mapping[str, Any]], dict[str, Any]] | None = None
 
 
 def scheduler_of(settings: Mapping[str, Any]) -> TrialScheduler | None:
@@ -138,9 +136,14 @@ class Suggestions(Searcher):
         metric: The metric that is reported to it for each trial.
         mode: ``max`` or ``min``.
 
+    Attributes:
+        make: Function of the process that returns the configuration of a trial, given its number and values.
+
     Raises:
         ValueError: The searcher accepts no search space, for example because it already has one.
     """
+
+    make: ClassVar[Callable[[int, Mapping[str, Any]], dict[str, Any]]]
 
     def __init__(self, searcher: Searcher, searched: Mapping[str, Any], metric: str, mode: str) -> None:
         super().__init__(metric=metric, mode=mode)
@@ -164,10 +167,9 @@ class Suggestions(Searcher):
         values: Any = self.searcher.suggest(trial_id)
         if values is None or values == Searcher.FINISHED:
             return values
-        assert _maker is not None, "a search runs within `making`"
         number = self._count
         self._count += 1
-        made = _maker(number, values)
+        made = type(self).make(number, values)
         return {**made, "env_config": {**made["env_config"], TRIAL_KEY: number}}
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
@@ -203,14 +205,3 @@ def tune_space(searched: Mapping[str, Any]) -> dict[str, Any]:
         zip(DRAWN, (lambda *values: tune.choice(values), tune.uniform, tune.loguniform, tune.randint), strict=True)
     )
     return {name: makers[word](*values) for name, search in searched.items() for word, values in search.items()}
-
-
-@contextmanager
-def making(maker: Callable[[int, Mapping[str, Any]], dict[str, Any]]) -> Iterator[None]:
-    """Set within a context the function that returns the configuration of a trial, given its number and values."""
-    global _maker
-    _maker = maker
-    try:
-        yield
-    finally:
-        _maker = None

@@ -259,6 +259,7 @@ def run_tune(
         except ConfigError as error:
             raise SafeInspectError(f"{trial.name} with {parameters_text(values)} cannot train: {error}") from None
 
+    tune_objects.Suggestions.make = suggested
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
     monitor = Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
@@ -279,7 +280,6 @@ def run_tune(
         monitor.heartbeat,
         cluster.ray_cluster(settings.ray.settings, processors, folder),
         monitored(monitor),
-        tune_objects.making(suggested),
     ):
         _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)

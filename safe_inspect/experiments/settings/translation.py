@@ -5,14 +5,15 @@ Nothing here imports Ray, so that `safe-inspect validate` takes a fraction of a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
+
+from annotated_types import Ge
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.old_keys import key_hint
-from safe_inspect.config.keys.rllib_keys import Key, keys_of_release
+from safe_inspect.config.keys.rllib_keys import keys_of_release
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.key_tables import (
     EVAL,
@@ -25,13 +26,12 @@ from safe_inspect.experiments.settings.key_tables import (
     translate_keys,
 )
 
-_MODEL = KeyTables(
-    keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, old_keys.MODEL_DROPPED, old_keys.MODEL_ONLY_AT
-)
+_MODEL = KeyTables(keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, {}, old_keys.MODEL_ONLY_AT)
+_REFUSED = old_keys.RESERVED | dict.fromkeys(_MODEL.known, "it is a key of `model_config`")
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
-_LIMIT = Key("number", low=1, high=math.inf)
+_LIMIT = keys.numeric(float, Ge(1))
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
 
@@ -153,10 +153,9 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         old_keys.RENAMED,
         old_keys.DROPPED,
         old_keys.ONLY_AT,
-        _refusal,
+        _REFUSED,
         old_keys.SPELLINGS,
-        open=algorithm not in keys.CLOSED_ALGORITHMS,
-        names=keys_of_release(algorithm),
+        unchecked=keys_of_release()[algorithm],
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
@@ -188,15 +187,6 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         notes += evaluation.notes
         problems += evaluation.problems
     return found
-
-
-def _refusal(name: str) -> str:
-    """Return why a key of RLlib cannot be set; empty if it is not reserved."""
-    if name in keys.MODEL_KEYS or name in keys.FRESH_KEYS:
-        return "it is a key of `model_config`"
-    prefixes = (reason for prefix, reason in old_keys.RESERVED_PREFIXES.items() if name.startswith(prefix))
-    parts = (reason for part, reason in old_keys.RESERVED_PARTS.items() if part in name)
-    return old_keys.RESERVED.get(name) or next(prefixes, "") or next(parts, "")
 
 
 def _instead(algorithm: str) -> str:
@@ -301,7 +291,7 @@ def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Pr
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
             notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else Key("number"), value)
+        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else keys.NUMBER, value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif name in settings:

@@ -97,8 +97,8 @@ class Constraint(Plugin):
     built from a task's parameters. Row i of every result depends only on row i of the state, and is finite for every
     finite state whose squares do not overflow.
 
-    For the filters ``backup`` and ``simplex`` and the team filter, which certify whole holds (periods of constant
-    thrust), a subclass also defines `half_space`, a static method that the filter compiles::
+    For the filter ``backup`` and the team filter, which certify whole holds (periods of constant thrust), a subclass
+    also defines `half_space`, a static method that the filter compiles::
 
         @staticmethod
         def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)

@@ -72,7 +72,6 @@ class _RunningSchedule(RunningComponent):
         self._steps: IntArray = np.zeros(self._num_envs, dtype=np.int64)
         self._sum: FloatArray = np.zeros(self._num_envs)
         self._episodes: IntArray = np.zeros(self._num_envs, dtype=np.int64)
-        self._calls_until_due = self._schedule.steps_until_update
 
     def resume(self, state: State, rows: IntArray) -> None:
         state[_SCALE][:] = self.scale[rows]
@@ -96,7 +95,6 @@ class _RunningSchedule(RunningComponent):
         count = len(rows)
         self.scale[rows], self._steps[rows] = part.scale[:count], part._steps[:count]
         self._sum[rows], self._episodes[rows] = part._sum[:count], part._episodes[:count]
-        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def state_dict(self) -> dict[str, AnyArray]:
         own = {"scale": self.scale, "steps": self._steps, "sum": self._sum, "episodes": self._episodes}
@@ -110,7 +108,6 @@ class _RunningSchedule(RunningComponent):
             return
         self.scale[:] = np.clip(state["scale"], *bounds)
         self._steps[:], self._sum[:], self._episodes[:] = state["steps"], state["sum"], state["episodes"]
-        self._calls_until_due = self._schedule.steps_until_update - int(self._steps.max())
 
     def end_episodes(self, rows: IntArray, fraction: FloatArray) -> None:
         """Record ended episodes by their slots and inspected fractions."""
@@ -121,10 +118,9 @@ class _RunningSchedule(RunningComponent):
         """Count one step of the slots whose episode is running, and update the slots whose interval has ended."""
         schedule = self._schedule
         self._steps += running
-        self._calls_until_due -= 1
-        if self._calls_until_due > 0:  # No slot can be due yet.
-            return
         due: BoolArray = self._steps >= schedule.steps_until_update
+        if not due.any():
+            return
         mean = self._sum / np.maximum(self._episodes, 1)
         adapts = due & (self._episodes > 0)
         low, high = schedule.inspected_points_update_bounds
@@ -132,4 +128,3 @@ class _RunningSchedule(RunningComponent):
         np.clip(self.scale + direction * schedule.delta_v_scale_step, *schedule.delta_v_scale_bounds, out=self.scale)
         for counter in (self._steps, self._sum, self._episodes):
             counter[due] = 0
-        self._calls_until_due = schedule.steps_until_update - int(self._steps.max())

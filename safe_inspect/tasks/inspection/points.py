@@ -11,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import Components, rotated
-from safe_inspect.geometry.light import full_light
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import (
     Credit,
@@ -22,6 +21,7 @@ from safe_inspect.geometry.visibility import (
     light_row,
     point_axes,
     sum_scores,
+    terminator_height,
 )
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
@@ -95,6 +95,7 @@ def inspect_by_camera(
     inspector = credit.inspector
     for n in range(credit.own_count.shape[0]):
         changed = False
+        light_row(sun[n], axes, surface.terminator, bright)
         for d in range(credit.own_count.shape[1]):
             for k in range(3):
                 viewer[k] = position[n, d, k] - position[n, body, k]
@@ -109,7 +110,6 @@ def inspect_by_camera(
             if away - outline > camera.half_angle:  # The body is entirely outside the cone.
                 continue
             whole = away + outline <= camera.half_angle  # The body is entirely inside the cone.
-            light_row(viewer, sun[n], axes, radius, surface.light, bright)
             for p in range(count):
                 if inspector[n, p] >= 0 or not bright[p] or not qx[p] * vx + qy[p] * vy + qz[p] * vz >= horizon:
                     continue
@@ -214,7 +214,7 @@ class InspectionPoints(CameraAndPoints, PassiveComponent):
                 world.bodies[name],
                 points.positions,
                 points.radius,
-                full_light() if light is None else light.light(points.radius),
+                -math.inf if light is None else terminator_height(points.radius, light.ray_offset),
             )
             for name, points in self.inspection_points_map.items()
         }

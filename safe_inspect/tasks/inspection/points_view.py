@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 
-from safe_inspect.geometry.light import Light
 from safe_inspect.geometry.visibility import Surface, lit
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.view import Step, View
@@ -26,19 +25,19 @@ class PointsModel:
         body: Index of the body in the state's body axis.
         points: Positions relative to the body's centre [m], in its axes, shape (P, 3).
         radius: Radius of the sphere that carries them [m].
-        light: The light model, for the compiled kernels.
+        terminator: Height towards the sun above which a point is lit [m]; see `Surface`.
     """
 
     entity: str
     body: int
     points: FloatArray
     radius: float
-    light: Light
+    terminator: float
 
     @cached_property
     def surface(self) -> Surface:
-        """Points, radius and light in the form used by the compiled kernels."""
-        return Surface(self.points, self.radius, self.light)
+        """Points, radius and terminator in the form used by the compiled kernels."""
+        return Surface(self.points, self.radius, self.terminator)
 
     @property
     def num_points(self) -> int:
@@ -66,24 +65,9 @@ class PointsModel:
         }
         return {f"points/{self.entity}/{name}": spec for name, spec in specs.items()}
 
-    def lit(self, viewer: FloatArray, sun: FloatArray) -> BoolArray:
-        """Return the mask of the points that are lit well enough to be inspected, shape (R, P).
-
-        Args:
-            viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).
-            sun: Unit vector to the sun, axes of the body, shape (R, 3).
-        """
-        return lit(np.ascontiguousarray(viewer), sun, self.points, self.radius, self.light)
-
-    def candidates(self, viewer: FloatArray, sun: FloatArray, inspector: AnyArray) -> BoolArray:
-        """Return the mask of the points that are lit well enough and not inspected, shape (R, P).
-
-        Args:
-            viewer: Position of the viewer relative to the centre [m], axes of the body, shape (R, 3).
-            sun: Unit vector to the sun, axes of the body, shape (R, 3).
-            inspector: Index of the deputy that inspected each point, -1 for none, shape (R, P).
-        """
-        return self.lit(viewer, sun) & (inspector < 0)
+    def lit(self, sun: FloatArray) -> BoolArray:
+        """Return the mask of the points that are lit, shape (R, P), for unit vectors to the sun, axes of the body."""
+        return lit(sun, self.points, self.terminator)
 
 
 class PointsView:
@@ -137,26 +121,9 @@ class PointsView:
 
     @cached_property
     def lit(self) -> BoolArray:
-        """Points that are lit well enough for an inspection from the agent's own position, shape (R, P)."""
-        return read_only(self.model.lit(self._viewer, self._sun))
-
-    @property
-    def candidates(self) -> BoolArray:
-        """Points that are lit, seen from the agent's own position, and not inspected by any deputy, shape (R, P)."""
-        inspector = self._view.writable.points[self.model.entity].inspector
-        return self.model.candidates(self._viewer, self._sun, self._view.per_environment(inspector))
-
-    @property
-    def _sun(self) -> FloatArray:
-        return self._view.per_environment(self._view.writable[self._array("sun_direction")])
-
-    @property
-    def _viewer(self) -> FloatArray:
-        position = self._view.writable[self._array("position")]
-        return self._view.per_agent(position) - self._view.per_environment(position[:, self.model.body])
-
-    def _array(self, name: str) -> str:
-        return array_in_axes_of(self.model.entity, self._view.world, name)
+        """Points that are lit, shape (R, P)."""
+        sun = self._view.writable[array_in_axes_of(self.model.entity, self._view.world, "sun_direction")]
+        return read_only(self.model.lit(self._view.per_environment(sun)))
 
 
 @dataclass(frozen=True)

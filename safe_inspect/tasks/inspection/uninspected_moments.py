@@ -23,33 +23,27 @@ def _within_unit(value: float) -> float:
 
 @njit
 def uninspected_moments(
-    position: FloatArray,
-    body: int,
-    deputies: tuple[int, int],
+    size: int,
     sun: FloatArray,
     surface: Surface,
     inspector: NDArray[np.int8],
     moments: FloatArray,
 ) -> None:
-    """Write the moments of the points that no deputy has inspected, lit and dark as seen by each deputy of a group.
+    """Write the moments of the points that no deputy has inspected, lit and dark, for each deputy of a group.
 
     Args:
-        position: Positions of the bodies, the deputies first [m], shape (N, B, 3).
-        body: Index of the body that carries the points.
-        deputies: Index of the group's first deputy, and their number, G; R = N * G rows.
+        size: Number of deputies of the group, G; R = N * G rows.
         sun: Unit vectors to the sun [-], shape (N, 3).
         surface: The points of the body, relative to its centre.
         inspector: Index of the deputy that inspected each point, -1 for none, shape (N, P).
         moments: Receives, for the lit points and then for the dark ones: their number over P, the mean of their unit
             vectors, and the mean of the products xx, yy, zz, xy, xz, yz; zeros if there are none; shape (R, 20).
     """
-    (first, size), total = deputies, surface.points.shape[0]
-    axes, viewer, bright = point_axes(surface.points), np.empty(3), np.empty(total, dtype=np.bool_)
-    for n in range(position.shape[0]):
+    total = surface.points.shape[0]
+    axes, bright = point_axes(surface.points), np.empty(total, dtype=np.bool_)
+    for n in range(sun.shape[0]):
+        light_row(sun[n], axes, surface.terminator, bright)
         for g in range(size):
-            for axis in range(3):
-                viewer[axis] = position[n, first + g, axis] - position[n, body, axis]
-            light_row(viewer, sun[n], axes, surface.radius, surface.light, bright)
             sums = moments[n * size + g]
             sums[:] = 0.0
             for p in range(total):

@@ -197,5 +197,3 @@ def test_what_works_in_simulations_only_is_refused(tmp_path: Path, capsys: pytes
     folder = str(_log(tmp_path / "log"))
     assert main(["characterise", folder, "--front-end", "MeasuredPoses"]) == 2
     assert "error: MeasuredPoses works in simulations only" in capsys.readouterr().err
-    assert main(["characterise", folder, "--pick", "0,20,15,nan"]) == 2
-    assert "error: --pick '0,20,15,nan': expected frame, column, row and distance" in capsys.readouterr().err

@@ -130,8 +130,6 @@ def test_the_command_prints_a_mistake_without_a_traceback(tmp_path: Path, capsys
     assert "there is no such folder" in capsys.readouterr().err
     assert main(["characterise", str(folder), "--front-end", "GicpFrontEnd"]) == 2
     assert "GicpSubmapFrontEnd" in capsys.readouterr().err
-    assert main(["characterise", str(folder), "--pick", "1,2"]) == 2
-    assert "--pick 12,80,90,0.3" in capsys.readouterr().err
     assert main(["characterise", str(folder)]) == 2
     assert "the motion of the target could not be determined" in capsys.readouterr().err
 

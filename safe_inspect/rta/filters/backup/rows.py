@@ -13,7 +13,7 @@ from safe_inspect.rta.filters.backup.half_spaces import further_slack
 from safe_inspect.rta.filters.backup.holds import held, turned
 from safe_inspect.rta.filters.backup.model import FURTHER, HOLD_PIECES, PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan
-from safe_inspect.rta.filters.backup.search import MARGINS, ROUNDS, propose, search, verified
+from safe_inspect.rta.filters.backup.search import MARGINS, ROUNDS, propose, search
 from safe_inspect.rta.filters.backup.sequences import bits_of, gap_of, least_allowed_speed, turn_of
 from safe_inspect.rta.filters.backup.tracking import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_bool, as_int, copy, workspace
@@ -181,23 +181,6 @@ def filter_rows(
                 plan_after(m, x, control[i], s.plan, memory[i])
             else:
                 follow_plan(m, memory[i], s.trial, s.w)
-
-
-@njit(error_model="numpy")
-def admissible_rows(
-    m: FilterModel, position: FloatArray, velocity: FloatArray, sun_angle: FloatArray,
-    control: FloatArray, out: BoolArray,
-) -> None:  # fmt: skip
-    """Write whether each row's control is within the limits, safe over the hold, and leaves a backup plan."""
-    s = workspace(as_int(1))
-    for i in range(position.shape[0]):
-        x = row_state(position[i], velocity[i])
-        u = control[i]
-        if max(abs(u[0]), max(abs(u[1]), abs(u[2]))) <= m.u_max:
-            sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-            out[i] = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)[1] != NO_PLAN
-        else:
-            out[i] = False
 
 
 @njit(error_model="numpy")

@@ -267,34 +267,3 @@ class BackupFilter(SafetyFilter):
             model, state.position, state.velocity, state.sun_angle, share, found, control
         )  # fmt: skip
         return found, control
-
-    def backups(self, state: RelativeState) -> tuple[BoolArray, FloatArray]:
-        """Return the plans to fall back on: as `plans`, with the whole margins or, failing that, with half of them."""
-        found, thrust = self.plans(state)
-        rest = np.flatnonzero(~found)
-        if len(rest):
-            found[rest], thrust[rest] = self.plans(state[rest], 0.5)
-        return found, thrust
-
-    def tracking(self, state: RelativeState, memory: FloatArray) -> FloatArray:
-        """Return the thrust that tracks the stored plan, or that of a new plan if none is stored [N], shape (R, 3)."""
-        assert self.tracker is not None, "only plans under a disturbance are tracked"
-        _, thrust = self.backups(state)
-        known = memory[:, MEMORY - 1] > 0.0
-        away = np.concatenate((state.position, state.velocity), axis=1) - memory[:, :6]
-        limit = float(self.parameters.u_max)
-        for axis in range(3):
-            tracked = memory[:, 6 + axis].copy()
-            for k in range(6):
-                tracked += self.tracker.gain[axis, k] * away[:, k]
-            thrust[:, axis] = np.where(known, np.clip(tracked, -limit, limit), thrust[:, axis])
-        return thrust
-
-    def admissible(self, state: RelativeState, control: FloatArray) -> BoolArray:
-        """Return the rows whose control would be applied unchanged, shape (R,)."""
-        control = checked(state, control)
-        out = np.empty(len(state), np.bool_)
-        compiled("backup.rows").admissible_rows(
-            self._model, state.position, state.velocity, state.sun_angle, control, out
-        )  # fmt: skip
-        return out

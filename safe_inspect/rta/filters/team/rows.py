@@ -234,34 +234,20 @@ def filter_team_rows(
 
 
 @njit(error_model="numpy")
-def team_rows(
-    g: TeamModel, states: TeamArrays, control: FloatArray, fixed: BoolArray, memory: IntArray,
-    plan: bool, out: BoolArray,
-) -> None:  # fmt: skip
-    """Write whether each environment's joint control is admissible or, if `plan`, whether it has a joint plan.
-
-    In the latter case, the plan's thrust is written to `control`, zero if there is none, and its number to `memory`.
-    """
+def plan_team_rows(
+    g: TeamModel, states: TeamArrays, fixed: BoolArray, control: FloatArray, memory: IntArray, out: BoolArray
+) -> None:
+    """Write whether each environment has a joint plan, and its thrusts (N, D, 3) and numbers (N, D), else zeros."""
     position, velocity, sun_angle = states
     s, t = workspace(as_int(MAX_HALF_SPACES)), team_workspace(position.shape[1])
     plans = np.zeros((position.shape[1], 10))
     for row in range(position.shape[0]):
         enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], plans, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
-        if plan:
-            stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
-            out[row] = stuck == FOUND
-        else:
-            verdict, _, _ = tested(
-                g, sun, t.desired, MARGINS, as_int(PLANS), as_int(_TURNS), False, t, s
-            )  # fmt: skip
-            out[row] = verdict == PASSED
+        stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
+        out[row] = stuck == FOUND
         for place in range(t.x.shape[0]):
             i = t.order[place]
             for axis in range(3):
-                if plan:
-                    control[row, i, axis] = t.thrust[place, t.plan[place], axis] if out[row] else 0.0
-                elif abs(control[row, i, axis]) > g.one.u_max or (fixed[row, i] and control[row, i, axis] != 0.0):
-                    out[row] = False
-            if plan:
-                memory[row, i] = t.plan[place] + 1 if out[row] and not t.fixed[place] else 0
+                control[row, i, axis] = t.thrust[place, t.plan[place], axis] if out[row] else 0.0
+            memory[row, i] = t.plan[place] + 1 if out[row] and not t.fixed[place] else 0

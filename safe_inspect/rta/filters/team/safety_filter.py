@@ -16,9 +16,8 @@ from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_
 from safe_inspect.rta.filters.backup.deviations import starting_tube, tube_of
 from safe_inspect.rta.filters.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
 from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter
-from safe_inspect.rta.filters.base import as_columns, check_used, checked, compiled, differs
+from safe_inspect.rta.filters.base import check_used, compiled
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Constraints of a pair, each with the constraint of a single deputy that applies with the other deputy as the chief.
@@ -60,17 +59,6 @@ class TeamState:
                 f"expected a team state with position and velocity (N, D, 3), sun_angle (N,) and coasting (N, D), "
                 f"got {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
             )
-
-    @classmethod
-    def beside(cls, state: RelativeState, others_position: FloatArray, others_velocity: FloatArray) -> TeamState:
-        """Return the motion of one deputy, which becomes the first, and of others that coast, shape (R, D - 1, 3)."""
-        coasting = np.ones((len(state), others_position.shape[1] + 1), np.bool_)
-        coasting[:, 0] = False
-        return cls(
-            np.concatenate((state.position[:, None], others_position), axis=1),
-            np.concatenate((state.velocity[:, None], others_velocity), axis=1),
-            state.sun_angle, coasting,
-        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.position)
@@ -253,74 +241,30 @@ class TeamFilter:
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
         """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._rows(state, control, memory, True), control, memory
+        return self._find_plans(state, control, memory, self._models), control, memory
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
         control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._rows(state, control, memory, True, self._starts)
+        return self._find_plans(state, control, memory, self._starts)
 
-    def admissible(self, state: TeamState, control: FloatArray) -> BoolArray:
-        """Return the environments whose joint control would be applied unchanged, shape (N,)."""
-        control = _checked(state, control)
-        return self._rows(state, control, np.zeros(control.shape[:2], np.int64), False)
-
-    def decentralised(
-        self, state: RelativeState, desired: FloatArray, others_position: FloatArray, others_velocity: FloatArray
-    ) -> FilterResult:  # fmt: skip
-        """Return the nearest thrusts of one deputy of each environment that are safe if the others coast.
-
-        The hold must satisfy every constraint, and the distance from the others on their coasting motion, at every
-        moment, and leave a backup plan that satisfies both. What the others do instead of coasting is unknown: two
-        deputies that thrust towards each other can come too near, or reach states without a plan.
-
-        Args:
-            state: The states of R deputies.
-            desired: Their desired thrusts [N], Hill frame, shape (R, 3).
-            others_position: Positions of the other deputies [m], Hill frame, shape (R, D - 1, 3).
-            others_velocity: Their velocities [m/s], Hill frame, shape (R, D - 1, 3).
-
-        Raises:
-            ValueError: The shapes differ, or a number is not finite.
-        """
-        desired = checked(state, desired)
-        team = TeamState.beside(state, others_position, others_velocity)
-        wanted = np.zeros(team.position.shape)
-        wanted[:, 0] = desired
-        result = self(team, wanted)
-        control = np.ascontiguousarray(result.control[:, 0])
-        return FilterResult(
-            control=control,
-            intervening=differs(control, desired),
-            infeasible=result.infeasible,
-            backup=result.backup,
-            active=np.ascontiguousarray(result.active[:, 0]),
-            phi=as_columns(list(self.phi(team, 1).values()), len(state)),
-            names=self.names,
-        )
-
-    def looks(self, state: TeamState, deputies: int | None = None) -> Iterator[tuple[str, Constraint, RelativeState]]:
-        """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair.
-
-        Args:
-            state: The states of N environments.
-            deputies: Number of deputies, from the first, that are tested, with all others; None: all of them.
-        """
+    def looks(self, state: TeamState) -> Iterator[tuple[str, Constraint, RelativeState]]:
+        """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair."""
         count = state.position.shape[1]
-        for i in range(count if deputies is None else deputies):
+        for i in range(count):
             alone = state.alone(i)
             yield from ((name, constraint, alone) for name, constraint in self.alone.constraints.items())
             for j in range(i + 1, count):
                 relative = state.relative(i, j)
                 yield from ((name, pair, relative) for name, pair in self.pair_constraints.items())
 
-    def phi(self, state: TeamState, deputies: int | None = None) -> dict[str, FloatArray]:
+    def phi(self, state: TeamState) -> dict[str, FloatArray]:
         """Return each constraint's least safety quantity phi over the team, >= 0 where safe, shape (N,); see `looks`.
 
         A single deputy has no constraints of pairs. Deputies that coast count too.
         """
         least: dict[str, FloatArray] = {}
-        for name, constraint, seen in self.looks(state, deputies):
+        for name, constraint, seen in self.looks(state):
             phi = constraint.phi(seen)
             least[name] = np.minimum(least[name], phi) if name in least else phi
         return {name: least[name] for name in self.names if name in least}
@@ -333,15 +277,13 @@ class TeamFilter:
         one, pair = models
         return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
-    def _rows(
-        self, state: TeamState, control: FloatArray, memory: IntArray, plan: bool,
-        models: tuple[FilterModel, FilterModel] | None = None,
-    ) -> BoolArray:  # fmt: skip
+    def _find_plans(
+        self, state: TeamState, control: FloatArray, memory: IntArray, models: tuple[FilterModel, FilterModel]
+    ) -> BoolArray:
         out = np.empty(len(state), np.bool_)
-        compiled("team.rows").team_rows(
-            self._built(models or self._models), (state.position, state.velocity, state.sun_angle), control,
-            state.fixed, memory, plan, out,
-        )  # fmt: skip
+        compiled("team.rows").plan_team_rows(
+            self._built(models), (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out
+        )
         return out
 
 

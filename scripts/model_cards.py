@@ -1,7 +1,4 @@
-"""`ship`: writing of a trained policy into the package's data, with a model card.
-
-Importing this module loads Ray and Torch.
-"""
+"""`ship`: writing of a trained policy into the package's data, with a model card, for `ship_policy.py`."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safe_inspect.planning.coverage_problem import sight_range
+from safe_inspect.geometry.visibility import sight_range
 
 
 @given(radius=st.floats(0.1, 100.0), field_of_view=st.floats(0.05, 3.1))
