@@ -150,6 +150,8 @@ class MissionConfig(Model):
         attitude_sigma: Error of the target's axes below which the observation may end [rad].
         rate_sigma: Error of the target's rate below which the observation may end [rad/s].
         durations: Durations of the approach to try, in this order [s].
+        planning_time: Time that the flight computer takes for a plan and its tube [s], a multiple of the control step.
+            The chaser holds its position, or stays on the reference, until then; the plan starts from where it will be.
         wait_limit: Longest wait before an approach [s].
         wait_step: Step between two waits to try [s].
         plan_attempts: Number of failures to plan after which the chaser retreats.
@@ -183,6 +185,7 @@ class MissionConfig(Model):
     attitude_sigma: PositiveAngle = 0.052359878  # type: ignore[valid-type]
     rate_sigma: PositiveAngularRate = 0.001745329  # type: ignore[valid-type]
     durations: Annotated[tuple[PositiveDuration, ...], Field(min_length=1)] = (60.0, 80.0, 45.0)  # type: ignore[valid-type]
+    planning_time: NonNegativeDuration = 2.0  # type: ignore[valid-type]
     wait_limit: NonNegativeDuration = 60.0  # type: ignore[valid-type]
     wait_step: PositiveDuration = 1.0  # type: ignore[valid-type]
     plan_attempts: int = Field(default=3, ge=1)
@@ -213,7 +216,8 @@ class MissionConfig(Model):
             allowed = f"{_STEPS[0]:g} to {_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
             raise ValueError(f"the control step, tick times control_ticks, is {self.step:g} s; it must be {allowed}")
         durations = (("durations", duration) for duration in self.durations)
-        for name, seconds in (("hold_limit", self.hold_limit), ("wait_step", self.wait_step), *durations):
+        planning = (("planning_time", self.planning_time),) if self.planning_time else ()
+        for name, seconds in (*planning, ("hold_limit", self.hold_limit), ("wait_step", self.wait_step), *durations):
             steps = seconds / self.step
             if steps > _MOST_STEPS:
                 most = _MOST_STEPS * self.step

@@ -197,30 +197,34 @@ def replan_on_the_way(context: MissionContext) -> None:
     context.replans += 1
     context.on_approach = True
     mission, plan = context.config.mission, context.plan
-    elapsed = 0.0 if plan is None else context.time - plan.t_start
+    start = context.time + mission.planning_time
+    elapsed = 0.0 if plan is None else start - plan.t_start
     context.demands = context.demands.later(elapsed)
-    remaining = 0.0 if plan is None else plan.t_start + plan.duration - context.time
+    remaining = 0.0 if plan is None else plan.t_start + plan.duration - start
     shortest = mission.step * round(max(remaining, _SHORTEST) / mission.step)
     _plan(context, (0.0,), tuple(dict.fromkeys((shortest, *mission.durations))))
 
 
 def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[float, ...]) -> None:
-    context.plan, context.planned_at = None, context.time
     estimate, mission = context.estimate, context.config.mission
+    start = context.time + mission.planning_time
+    context.plan, context.planned_at = None, start
     if mission.fails("planner", context.time):
         context.plan_failures += 1
         context.report("plan", {"status": "fault"})
         return
+    state = _state_after(context, round(mission.planning_time / mission.step))
+    orientation, angular_velocity = (values[0] for values in estimate.predict(np.array([start])))
     query = PlanQuery(
-        t0=context.time,
-        state=estimate.relative,
-        orientation=estimate.target.orientation,
-        angular_velocity=estimate.target.angular_velocity,
+        t0=start,
+        state=state,
+        orientation=orientation,
+        angular_velocity=angular_velocity,
         inertia=estimate.inertia,
         mating_point=context.target.mating_point,
         solid=context.target.solid,
         R_MT=context.target.R_MT,
-        limits=context.demands.limits(context.limits, estimate.relative[:3]),
+        limits=context.demands.limits(context.limits, state[:3]),
         margin=context.demands.margin,
         durations=durations,
         waits=waits,
@@ -248,6 +252,23 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
             "seconds": report.seconds,
         },
     )
+
+
+def _state_after(context: MissionContext, steps: int) -> FloatArray:
+    """Return the chaser's position and velocity in W relative to the target after control steps, shape (6,).
+
+    A chaser that follows a reference continues to do so; another one holds its position.
+    """
+    estimate, following, axis = context.estimate, context.following, context.axis
+    x = estimate.translation
+    if following is not None and context.design is not None:
+        tracker, reference = context.config.tracker(context.design), following.reference
+        for step in range(context.step, context.step + steps):
+            k = min(step - following.first_step, len(reference.position) - 1)
+            tide = 0.0 if reference.tide is None else axis.mass * reference.tide[k]
+            acting = tracker.step(x, reference, k).force + tide
+            x = (axis.A @ x.reshape(2, 3) + np.outer(axis.B, acting)).ravel()
+    return np.concatenate([x[:3] - estimate.target.position, x[3:]])
 
 
 def make_tube(context: MissionContext) -> None:

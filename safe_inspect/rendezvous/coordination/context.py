@@ -203,13 +203,14 @@ class MissionContext:
         hold_point: Position that the chaser holds while it waits, in W [m], shape (3,).
         plan: The newest plan.
         query: The query of the newest plan.
-        planned_at: Time at which the newest plan was made [s].
+        planned_at: Time from which the newest plan may be flown, when its computation ends [s].
         design: The tube of the plan, with its reserves.
         unrenewed: Bound of the error of the plan's reference without updates during the approach.
         reference_problem: Which limit the newest reference violates; empty for none.
         has_left_bound: Whether a reference of this approach was outside of that bound.
         demands: The requirements on the next plan.
         following: The reference of the approach and its tracker.
+        renewed_at: Time at which the reference was last updated [s].
         escape: The newest escape.
         plan_failures: Number of consecutive failures to plan.
         bound_failures: Number of consecutive refusals of a tube.
@@ -256,6 +257,7 @@ class MissionContext:
     has_left_bound: bool = False
     demands: PlanDemands = field(default_factory=PlanDemands)
     following: Following | None = None
+    renewed_at: float = -math.inf
     escape: Escape | None = None
     plan_failures: int = 0
     bound_failures: int = 0

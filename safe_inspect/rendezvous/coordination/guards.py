@@ -105,12 +105,13 @@ def may_observe_again(context: MissionContext) -> bool:
 
 def plan_found(context: MissionContext) -> bool:
     """Return whether the newest plan may be flown."""
-    return context.plan is not None and context.plan.solved
+    return _planning_has_ended(context) and context.plan is not None and context.plan.solved
 
 
 def plans_exhausted(context: MissionContext) -> bool:
     """Return whether no further plan may be tried: after too many failures, or during an approach."""
-    return context.plan_failures >= context.config.mission.plan_attempts or context.on_approach
+    is_last = context.plan_failures >= context.config.mission.plan_attempts or context.on_approach
+    return is_last and _planning_has_ended(context)
 
 
 def estimate_is_new(context: MissionContext) -> bool:
@@ -129,13 +130,15 @@ def may_bound_again(context: MissionContext) -> bool:
 
 
 def start_is_planned(context: MissionContext) -> bool:
-    """Return whether it is time to start, and the plan was made now."""
-    return start_reached(context) and context.planned_at == context.time
+    """Return whether it is time to start, and the newest plan has only now been made."""
+    is_new = abs(context.planned_at - context.time) <= _ROUNDING
+    return is_new and context.plan is not None and context.time >= context.plan.t_start - _ROUNDING
 
 
-def start_reached(context: MissionContext) -> bool:
-    """Return whether it is time to start."""
-    return context.plan is not None and context.time >= context.plan.t_start - _ROUNDING
+def start_is_near(context: MissionContext) -> bool:
+    """Return whether it is time to plan the start with the newest estimate."""
+    planning = context.config.mission.planning_time
+    return context.plan is not None and context.time >= context.plan.t_start - planning - _ROUNDING
 
 
 def arrived(context: MissionContext) -> bool:
@@ -206,6 +209,10 @@ def sees_target(context: MissionContext) -> bool:
     age = context.time - context.estimate.updated
     is_fresh = age <= _NEWEST * context.config.mission.update_period + _ROUNDING
     return bool(not context.readings.silent and is_fresh and context.poses >= _RESUMED)
+
+
+def _planning_has_ended(context: MissionContext) -> bool:
+    return bool(context.time >= context.planned_at - _ROUNDING)
 
 
 def _may_wait(context: MissionContext) -> bool:

@@ -108,7 +108,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(Phase.BOUND, guards.may_observe_again, actions.observe_again, Phase.OBSERVE),
     TableRow(Phase.BOUND, guards.always, actions.retreat, Phase.RETREAT),
     TableRow(Phase.WAIT, guards.start_is_planned, actions.start_approach, Phase.TRACK),
-    TableRow(Phase.WAIT, guards.start_reached, actions.make_plan_now, Phase.PLAN),
+    TableRow(Phase.WAIT, guards.start_is_near, actions.make_plan_now, Phase.PLAN),
     TableRow(Phase.TRACK, guards.arrived, actions.nothing, Phase.MP_HOLD),
     TableRow(Phase.TRACK, guards.may_replan, actions.replan_on_the_way, Phase.PLAN),
     TableRow(Phase.TRACK, guards.off_plan, actions.retreat, Phase.RETREAT),
@@ -250,9 +250,11 @@ class Pilot:
             context.motion, context.poses = CommandedMotion.of(estimate), context.poses + 1
         elif guards.unseen(context):
             context.poses = 0
-        is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
-        if is_slot and context.following is not None and estimate.updated != before:
+        is_due = context.time >= context.renewed_at + mission.update_period - 1e-9
+        if is_due and context.following is not None and estimate.updated != before:
             renew_reference(context)
+            context.renewed_at = context.time
+        is_slot = context.step * mission.control_ticks % mission.update_ticks == 0
         if is_slot and context.following is not None:
             actions.renew_escape(context)
         elif is_slot and context.phase is Phase.RETREAT:

@@ -32,7 +32,7 @@ from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, no_frame
+from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame, no_frame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
@@ -153,6 +153,7 @@ class _PipelineEstimatorRun:
         self._response = ActuatorResponse(context.chaser, context.step)
         self._errors, self._renewed = UNKNOWN, -np.inf
         self._rate = np.zeros(3)
+        self._frame: DepthFrame | None = None
 
     def _begin(self, readings: Readings) -> EstimationPipeline:
         """Return the pipeline; it integrates the chaser's motion from the first readings on, even without a frame."""
@@ -169,11 +170,13 @@ class _PipelineEstimatorRun:
         if self.pipeline is None:
             self.pipeline = self._begin(readings)
         else:
+            # The flight computer needs up to a control step for a frame: its poses are known at the next one.
+            if self._frame is not None:
+                self.pipeline.see(self._frame)
             if readings.command is not None:
                 expected = self._response.step(self._rate, readings.command)
                 self.pipeline.move(readings.samples, expected, self._context.step)
-            if readings.frame is not None:
-                self.pipeline.see(readings.frame)
+            self._frame = readings.frame
         is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
         if is_due:
             self._renewed = readings.time

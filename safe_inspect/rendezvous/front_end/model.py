@@ -30,8 +30,10 @@ _PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
 #: Number of consecutive frames without a pose after which a hypothesis is dropped; without any left, the shape is
 #: searched again.
 _FAILURES = 3
-#: Number of possible poses above which a frame is too ambiguous to start with.
-_ALTERNATIVES = 4
+#: Number of possible poses above which a frame is too ambiguous to start with; a cube has 24.
+_ALTERNATIVES = 24
+#: Time after a frame that was too ambiguous until the next search [s]; the view has hardly changed before.
+_SEARCH_PERIOD = 3.0
 #: Difference of attitude within which a found pose is the expected one [rad].
 _EXPECTED_TURN = np.deg2rad(45.0)
 #: Poses whose scores exceed the best one by at most this much may be right too [m].
@@ -138,6 +140,7 @@ class _ModelFrontEndRun:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
+        self._search_again = -np.inf
         self._view: FloatArray | None = None
         self._T_MG: FloatArray | None = None
 
@@ -155,7 +158,7 @@ class _ModelFrontEndRun:
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         if self._hypotheses:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
-        elif len(cloud) >= _SEARCH_POINTS:
+        elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
             self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
             return []
@@ -222,9 +225,10 @@ class _ModelFrontEndRun:
 
         Do nothing if too many poses explain the frame.
         """
-        found = acquire(self._registration, cloud)
+        found = acquire(self._registration, cloud, kept=_ALTERNATIVES + 1)
         fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
         if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
+            self._search_again = time + _SEARCH_PERIOD - 1e-9
             return
         if expected is not None:
             near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]

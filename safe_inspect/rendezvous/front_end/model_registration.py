@@ -35,6 +35,8 @@ _SECOND_ORDER = 10.0
 #: spread of the points, relative to the swept radius, above which the first holds; and the power by which it grows for
 #: a smaller spread: details rotate a small patch more, and fewer of them are averaged.
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
+#: Minimum number of poses that a search registers with all points.
+_REFINED = 18
 #: Poses whose attitudes differ by less count as the same [rad].
 _SAME = np.deg2rad(10.0)
 
@@ -176,7 +178,7 @@ def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600,
         found.append(registration(coarse, start, iterations=2, widening=2.5, coarse=True))
     found = sorted(found, key=by_score)[: rotations // 4]
     found = [registration(coarse, one.pose, iterations=4, widening=2.0, coarse=True) for one in found]
-    poses = [one.pose for one in _distinct(sorted(found, key=by_score), 3 * kept)]
+    poses = [one.pose for one in _distinct(sorted(found, key=by_score), max(_REFINED, kept + 3))]
     refined = [registration(cloud, one, iterations=25, widening=2.5) for one in poses]
     # A pose that looks like the true one most often differs by half a turn about one of the axes.
     turned = [pose(turn, np.zeros(3)) @ min(refined, key=by_score).pose for turn in HALF_TURNS[1:]]
