@@ -61,7 +61,9 @@ class _Entry(BaseModel, extra="forbid"):
 
 def _written_out(value: Any) -> Any:
     entry = {"functor": value} if isinstance(value, str) else value
-    if isinstance(entry, Mapping) and entry.get("config", {}) is None:
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"expected `{{functor: module.Class, config: {{...}}}}` or a dotted path, got {value!r:.60}")
+    if entry.get("config", {}) is None:
         return {**entry, "config": {}}
     return entry
 
