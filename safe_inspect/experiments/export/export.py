@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.vector.utils import batch_space
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.facades.spaces import box
 from safe_inspect.environments.layout import observation_layout
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
@@ -36,8 +38,6 @@ from safe_inspect.types import AnyArray, FloatArray
 
 #: Largest accepted difference, relative to the range of the action or to the outputs of the net.
 EXPORT_TOLERANCE = 1e-5
-
-_SPREAD = 1.5
 
 _RANDOM_STEPS, _RANDOM_ROWS = 64, 64
 
@@ -120,13 +120,10 @@ def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
 
 def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, seed: int = 0) -> AnyArray:
     """Sample readings for the whole range of the net's inputs, float32, shape (steps, rows, O)."""
-    generator, layout = np.random.default_rng(seed), observation_layout(agent)
-    bounded = np.isfinite(layout.low) & np.isfinite(layout.high)
-    low, high = np.where(bounded, layout.low, 0.0), np.where(bounded, layout.high, 0.0)
-    size = (steps, rows, layout.size)
-    seen = np.where(bounded, generator.uniform(low, high, size), _SPREAD * generator.standard_normal(size))
+    space = batch_space(batch_space(box(observation_layout(agent)), rows), steps)
+    space.seed(seed)
     centre, width = (element_columns(info.observation, name) for name in ("centre", "width"))
-    return (seen * width + centre).astype(np.float32)
+    return np.asarray(space.sample() * width + centre, dtype=np.float32)
 
 
 def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
