@@ -8,7 +8,7 @@ from typing import Any
 
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.keys.old_keys import RENAMED
-from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FLOWN_ALGORITHMS
+from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.config.loading.located import has, locate, path_text, value_at
 from safe_inspect.config.loading.templates import NUMBER
 from safe_inspect.errors import Problem
@@ -39,11 +39,8 @@ def flight_note(experiment: Experiment) -> str:
     changing = next((key for key in CHANGING_KEYS if keys.get(key)), None)
     if changing:
         return f"policies can be trained, but not evaluated: no policy file can contain the code of `{changing}`"
-    if experiment.algorithm in FLOWN_ALGORITHMS:
-        exported = not recurrent or experiment.algorithm != "DQN"
-        return "" if exported else "recurrent policies of DQN cannot be exported to ONNX"
-    others = ", ".join(FLOWN_ALGORITHMS)
-    return f"policies of {experiment.algorithm} can be trained, but not evaluated; those of {others} can"
+    exported = not recurrent or experiment.algorithm != "DQN"
+    return "" if exported else "recurrent policies of DQN cannot be exported to ONNX"
 
 
 def _unfit_actions(experiment: Experiment) -> list[Problem]:

@@ -54,6 +54,7 @@ class OnnxPolicy:
         path: The file.
         info: The metadata of the file.
         recurrent: Whether the policy keeps a state.
+        distribution: The distribution of the actions.
     """
 
     def __init__(self, path: str, info: PolicyInfo, session: Any, sampled: bool | None = None, seed: int = 0) -> None:
@@ -70,7 +71,7 @@ class OnnxPolicy:
         )
         self._levels = [np.array(element.levels) for element in info.action]
         self._coasts = bool(info.action) and info.action[-1].unit == CONTROL_STEPS
-        self._distribution = self._distribution_of()
+        self.distribution = self._distribution_of()
 
     def task(self, overrides: Iterable[str] = ()) -> EnvironmentSpec:
         """Return the task in which the policy was trained, before `prepare`.
@@ -150,8 +151,8 @@ class OnnxPolicy:
         drawn = self._sampled
         if drawn is None:
             drawn = self.info.distribution != "gaussian" and self._flight is not None
-            if isinstance(self._distribution, Hurdle):
-                inputs = self._distribution.without_noise(inputs)
+            if isinstance(self.distribution, Hurdle):
+                inputs = self.distribution.without_noise(inputs)
         if drawn:
             return self._draw(inputs, rows, step)
         found = np.array(thrust, dtype=np.float64)
@@ -175,7 +176,7 @@ class OnnxPolicy:
 
     def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
         """Return actions (R, A) of the task itself, with sampled choices and mean values of the continuous elements."""
-        return draw_choices(self._distribution, self.outputs(self._readings(observation))[1], seed)
+        return draw_choices(self.distribution, self.outputs(self._readings(observation))[1], seed)
 
     def _readings(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the sensor readings in SI units, shape (R, O), for observations of the task, shape (R, O)."""
@@ -217,7 +218,7 @@ class OnnxPolicy:
                 "a policy that samples its actions needs a call of `begin` with its rows before the first step"
             )
         slots, deputies = flight.slots[rows], flight.deputies[rows]
-        drawn = draw_in_rollout(self._distribution, inputs, True, self._seed, slots, deputies, step)
+        drawn = draw_in_rollout(self.distribution, inputs, True, self._seed, slots, deputies, step)
         values = np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
         for column, levels in enumerate(self._levels):
             if len(levels):

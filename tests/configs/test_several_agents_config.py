@@ -113,7 +113,7 @@ def test_scripted_agents_and_checkpoints_fly_with_one_that_learns(team):
 
 MISTAKES = {
     "two agents of one name": (
-        f"{entry('a', 'x')}\n{entry('a', 'y')}", platforms("x", "y"), "agent_config[1].name", "two agents are named",
+        f"{entry('a', 'x')}\n{entry('a', 'y')}", platforms("x", "y"), "agent_config[1]", "two agents are named",
     ),
     "a platform that does not exist": (
         f"{entry('a', 'x')}\n{entry('b', 'yy')}", platforms("x", "y"), "agent_config[1].platforms[0]",

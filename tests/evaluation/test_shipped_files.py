@@ -18,8 +18,8 @@ pytest.importorskip("onnxruntime", reason="pip install 'safe_inspect[onnx]'")
 def test_the_distribution_takes_the_outputs_of_the_net(name: str) -> None:
     for policy in shipped_policy(name).load().values():
         outputs = {output.name: output.shape[-1] for output in policy._session.get_outputs()}
-        assert policy._distribution.inputs == outputs["action_dist_inputs"], outputs
-        assert policy._distribution.width == len(policy.info.action)
+        assert policy.distribution.inputs == outputs["action_dist_inputs"], outputs
+        assert policy.distribution.width == len(policy.info.action)
 
 
 @pytest.mark.parametrize("content", ["{", "[]", "{}", '{"agents": ["blue0"]}'])

@@ -86,21 +86,19 @@ class Mine:
 def test_callbacks_of_ones_own_come_after_those_of_the_run() -> None:
     from ray.rllib.callbacks.callbacks import RLlibCallback
 
-    from safe_inspect.experiments.learning.algorithm import _own_callbacks
-
     path = "ray.rllib.callbacks.callbacks.RLlibCallback"
     config: Any = build({"team": ONE}, callbacks=[path])
     assert config.callbacks_class[1:] == [RLlibCallback]
-    with pytest.raises(ConfigError) as caught:
-        _own_callbacks([f"{__name__}.Mine", path, "no_such_module.Class", f"{__name__}.nothing"])
-    shown = [str(problem) for problem in caught.value.problems]
-    needs = "is not a class of callbacks; derive it from ray.rllib's RLlibCallback"
-    assert shown == [
-        f"rllib_configs.callbacks: '{__name__}.Mine' {needs}",
-        "rllib_configs.callbacks: no module 'no_such_module'; correct the name, install the module, or start the "
+    shown = {
+        f"{__name__}.Mine": f"'{__name__}.Mine' is not a class of callbacks; derive it from ray.rllib's RLlibCallback",
+        "no_such_module.Class": "no module 'no_such_module'; correct the name, install the module, or start the "
         "command in the folder that contains it",
-        f"rllib_configs.callbacks: module '{__name__}' has no 'nothing'",
-    ]
+        f"{__name__}.nothing": f"module '{__name__}' has no 'nothing'",
+    }
+    for name, text in shown.items():
+        with pytest.raises(ConfigError) as caught:
+            build({"team": ONE}, callbacks=[path, name])
+        assert [str(problem) for problem in caught.value.problems] == [f"rllib_configs.callbacks: {text}"]
 
 
 @pytest.mark.parametrize(

@@ -104,10 +104,7 @@ def test_minibatches_teach_what_ppo_in_plain_torch_learns(team: Any, more: dict[
         trained = 64 * -(-2 * steps // 64)
         assert found[name]["num_module_steps_trained"].peek() == trained
         assert found[name]["module_train_batch_size_mean"].peek() == 64
-        assert (
-            found[name]["weights_seq_no"].peek(),
-            found[name]["diff_num_grad_updates_vs_sampler_policy"].peek(),
-        ) == (1, 1)
+        assert found[name]["weights_seq_no"].peek() == 1
         norm = found[name].get("gradients_default_optimizer_global_norm")
         assert (norm is not None) == (more.get("grad_clip_by") == "global_norm")
     assert found["__all_modules__"]["num_env_steps_trained"].peek() == 2 * sum(map(len, episodes)) == 640

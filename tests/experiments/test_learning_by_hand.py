@@ -128,15 +128,12 @@ def test_pieces_of_a_policy_stand_one_behind_the_other() -> None:
     for array, factor in ((batch.actions, 10), (batch.inputs, 20), (batch.log_probabilities, 30), (batch.rewards, 40)):
         assert (array.dtype, array.flags.c_contiguous) == (np.float32, True)
         assert array.reshape(4, -1)[:, -1].tolist() == [0, factor, 2 * factor, 10 * factor]
-    assert batch.weights == (3 * 1.0 + 9.0) / 4
     assert batch.steps is None
-    assert batches["own"].weights == 4.0
 
 
-def test_weights_of_unknown_number_and_steps_of_decisions() -> None:
+def test_steps_of_decisions() -> None:
     given_ = [episode(2, 0.0, None, np.array([3, 1])), episode(1, 5.0, 2.0, np.array([7]))]
     batch = batches_of(given_, lambda name: True)["default_policy"]
-    assert batch.weights is None
     assert batch.steps is not None
     assert batch.steps.tolist() == [3, 1, 7]
 
@@ -348,7 +345,7 @@ class Learner(ppo_learner.FastPPOLearner):
 
 def test_the_steps_of_an_update_are_counted() -> None:
     learner = Learner()
-    learner._log_steps("own", np.zeros((3, 20), dtype=np.int64), 6.5)
+    learner._log_steps("own", np.zeros((3, 20), dtype=np.int64))
     lifetime = {"reduce": "lifetime_sum", "with_throughput": True}
     assert learner.metrics.logged == {
         ("own", "weights_seq_no"): (9, {"window": 1}),
@@ -357,12 +354,6 @@ def test_the_steps_of_an_update_are_counted() -> None:
         ("own", "num_module_steps_trained_lifetime"): (60, lifetime),
         ("__all_modules__", "num_module_steps_trained_lifetime"): (60, lifetime),
         ("__all_modules__", "num_module_steps_trained"): (60, {"reduce": "sum", "with_throughput": True}),
-        ("own", "diff_num_grad_updates_vs_sampler_policy"): (2.5, {"window": 1}),
-    }
-    unknown = Learner()
-    unknown._log_steps("own", np.zeros((3, 20), dtype=np.int64), None)
-    assert unknown.metrics.logged.keys() == learner.metrics.logged.keys() - {
-        ("own", "diff_num_grad_updates_vs_sampler_policy")
     }
 
 

@@ -146,8 +146,6 @@ def test_each_algorithm_learns_its_own_module() -> None:
         assert spec.model_config["fcnet_hiddens"] == [4]
         assert spec.model_config[INFO] == info
         assert ("initial_std" in spec.model_config) == (name != "SAC")
-    other = policy.policy_spec(model, "DreamerV3", info)
-    assert (other.module_class, other.model_config.fcnet_hiddens) == (None, [4])
     dqn = policy.policy_spec({}, "DQN", texts("categorical", [0.0, 1.0, 2.0]))
     assert dqn.module_class is DqnPolicy
     assert dqn.model_config["choices"] == [3]

@@ -266,18 +266,3 @@ def test_the_columns_of_an_iteration() -> None:
     }  # fmt: skip
     assert list(row)[: len(progress.COLUMNS)] == list(progress.COLUMNS)
     assert list(row)[len(progress.COLUMNS) :][:3] == ["reward/a", "reward/b", "interventions"]
-
-
-@pytest.mark.parametrize("count", [2, 5, 6])
-def test_the_line_of_several_agents(count: int) -> None:
-    flat = {}
-    for index in range(count):
-        flat[f"env_runners/agents/a{index}/return"] = 0.5 * index
-        flat[f"env_runners/agents/a{index}/inspected_count"] = math.nan if index == 1 and count < 6 else 10.0 + index
-    agents = progress._agents_of(flat)
-    shown = progress._of_agents(flat, agents)
-    if count > 5:
-        assert shown == "    6 agents: return 0.000 to 2.500, points 10 to 15"
-        return
-    each = [f"a{index} {0.5 * index:.3f}" + ("" if index == 1 else f", {10 + index} points") for index in range(count)]
-    assert shown == "    " + "   ".join(each)

@@ -249,7 +249,7 @@ def test_an_episode_of_decisions_tells_rllib_of_their_steps() -> None:
     assert (episode.t_started, episode.is_truncated, episode.is_terminated) == (3, True, False)
     np.testing.assert_array_equal(episode.get_observations(), track.observations[0, 0, :3])
     batch = batches_of([episode], lambda name: True)["default_policy"]
-    assert (batch.weights, len(batch)) == (7.0, 2)
+    assert len(batch) == 2
     np.testing.assert_array_equal(batch.steps, [4, 9])
 
 
@@ -282,7 +282,7 @@ def test_the_learner_takes_no_steps_of_the_time_before() -> None:
     )  # fmt: skip
     episode.to_numpy()
     found = batches_of([episode], lambda name: True)["default_policy"]
-    assert (len(found), found.terminated, found.weights, found.steps) == (3, [True], 5.0, None)
+    assert (len(found), found.terminated, found.steps) == (3, [True], None)
     np.testing.assert_array_equal(found.all_observations[:, 0], [2, 3, 4, 5])
     np.testing.assert_array_equal(found.actions[:, 0], [2, 3, 4])
     np.testing.assert_array_equal(found.inputs, outputs["action_dist_inputs"][2:])

@@ -12,7 +12,7 @@ from training_values import MAKER
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.files.checkpoints import Checkpoint, find_newest, seal_checkpoint
+from safe_inspect.experiments.files.checkpoints import find_newest
 from safe_inspect.experiments.files.run_folder import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.experiments.runs.training_run import read_settings
@@ -182,17 +182,6 @@ def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search
         opened(first)
     with pytest.raises(CheckpointError, match="no complete checkpoint"):
         open_source(search / "trials" / "trial_00001")
-
-
-def test_trials_of_a_search_without_records_are_distinguished_by_their_folders(tmp_path):
-    for attempt, trial in (("000", "trial_00000"), ("001", "trial_00000"), ("000", "trial_00001")):
-        checkpoint = tmp_path / "tune" / attempt / trial / "checkpoint_000000"
-        checkpoint.mkdir(parents=True)
-        seal_checkpoint(Checkpoint(checkpoint, int(attempt)))
-        if trial == "trial_00000":
-            assert find_newest(tmp_path).newest.path == checkpoint  # two attempts of one trial
-    with pytest.raises(CheckpointError, match="a search with 2 trials"):
-        find_newest(tmp_path)
 
 
 @pytest.mark.ray

@@ -35,7 +35,10 @@ class Tune:
             "training_iteration": 3.0, "num_env_steps_sampled_lifetime": 3000.0, "a": 0.5, "b": math.nan,
         }  # fmt: skip
 
-    def __call__(self, run: Any, settings: Any, folder: RunFolder, digest: str, start: Any, stream: Any) -> Any:
+    def __call__(
+        self, run: Any, settings: Any, folder: RunFolder, digest: str, start: Any, stream: Any, processors: float
+    ) -> Any:
+        assert processors == 3.0
         self.given.append((folder.path, start))
         for iteration in self.saves:
             checkpoint = folder.tune / "000" / "trial" / f"checkpoint_{iteration:06d}"
@@ -53,7 +56,7 @@ class Tune:
 def tune(monkeypatch: pytest.MonkeyPatch) -> Tune:
     found = Tune()
     monkeypatch.setattr(module.cluster, "set_environment", lambda: None)
-    monkeypatch.setattr(tune_run, "check", lambda run, settings: None)
+    monkeypatch.setattr(tune_run, "check", lambda run, settings: 3.0)
     monkeypatch.setattr(tune_run, "run_tune", found)
     return found
 

@@ -65,6 +65,4 @@ def run_export(arguments: argparse.Namespace) -> int:
         f"  largest difference from the checkpoint: {found.action:.1e} of the action's range, over "
         f"{found.rows - done.flown:,} random and {done.flown:,} flown observations"
     )
-    if found.undecided:
-        print(f"  {found.undecided:,} of them left out, because two levels are equally likely")
     return 0

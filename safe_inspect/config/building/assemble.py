@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from pydantic import ValidationError
 
-from safe_inspect.config.building.agents import AgentSetting, build_agent
+from safe_inspect.config.building.agents import AgentSetting, build_agent, check_unique
 from safe_inspect.config.building.guarantees import check_guarantees, check_thrusters
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, safe_initial_states
@@ -105,9 +105,8 @@ def _with_attitude(config: ExperimentConfig, root: Place) -> ExperimentConfig:
 
 def _platforms(config: ExperimentConfig, entries: Place) -> dict[str, Platform]:
     platforms: dict[str, Platform] = {}
+    check_unique("platforms", (entry.name for entry in config.platform_config), entries)
     for index, entry in enumerate(config.platform_config):
-        if entry.name in platforms:
-            entries.report(f"two platforms are named {entry.name!r}", index, "name")
         cls = entry.config.functor
         try:
             platforms[entry.name] = cls.model_validate(entry.config.config)

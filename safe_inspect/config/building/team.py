@@ -32,14 +32,11 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], root: Pl
         agents: The agents without mistakes.
         root: Position of the whole configuration.
     """
-    names: set[str] = set()
     controls: dict[str, str] = {}
     environment, lead = root.at(*ENVIRONMENT_PATH), config.agent_config[0]
+    check_unique("agents", (entry.name for entry in config.agent_config), root.at("agent_config"))
     for index, entry in enumerate(config.agent_config):
         place = root.at("agent_config", index)
-        if entry.name in names:
-            place.report(f"two agents are named {entry.name!r}; give each a unique name", "name")
-        names.add(entry.name)
         for number, platform in enumerate(entry.platforms[:1]):
             if platform in controls:
                 message = f"{controls[platform]} and {entry.name} both control the platform {platform!r}"
@@ -184,8 +181,12 @@ def policies_of(config: ExperimentConfig, root: Place) -> dict[str, PolicySpec]:
         entries.report("all policies come from checkpoints, so none is trained; give one an `algorithm`")
     found = {}
     for name, group in flown.items():
-        _check_shared(name, group, entries)
-        agents, policy = tuple(entry.name for _, entry, _ in group), group[0][2]
+        (_, first, policy), *others = group
+        for index, entry, other in others:
+            if other != policy:
+                text = f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently"
+                entries.report(text, index, "policy")
+        agents = tuple(entry.name for _, entry, _ in group)
         given = policy.algorithm, dict(policy.config), policy.checkpoint, policy.policy
         found[name] = PolicySpec(name, agents, *given)
     algorithms = list(dict.fromkeys(policy.algorithm for policy in found.values() if policy.trains))
@@ -195,12 +196,3 @@ def policies_of(config: ExperimentConfig, root: Place) -> dict[str, PolicySpec]:
                 text = f"RLlib trains all policies with one algorithm, not with {' and '.join(algorithms)}"
                 entries.report(text, index, "policy", "algorithm")
     return found
-
-
-def _check_shared(name: str, group: Sequence[tuple[int, AgentEntry, PolicyConfig]], entries: Place) -> None:
-    """Check that agents that share a policy have the same configuration of it."""
-    _, first, policy = group[0]
-    for index, entry, other in group[1:]:
-        if other != policy:
-            text = f"{first.name} and {entry.name} share the policy {name!r}, but configure it differently"
-            entries.report(text, index, "policy")

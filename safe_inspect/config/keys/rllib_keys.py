@@ -185,13 +185,10 @@ DQN_KEYS: dict[str, Any] = _REPLAY_KEYS | by_name(
 #: Algorithms with a table of additional keys here. The values of keys that are in no table are checked when Ray is
 #: loaded; `keys_of_release` gives their names.
 ALGORITHM_KEYS: dict[str, dict[str, Any]] = {"PPO": PPO_KEYS, "SAC": SAC_KEYS, "DQN": DQN_KEYS}
-#: Names of RLlib's algorithms for environments (offline algorithms need data and are rejected).
-ALGORITHMS = ("PPO", "APPO", "IMPALA", "SAC", "DQN", "DreamerV3")
-
 #: Algorithms that the batched runner supports.
 BATCHED_ALGORITHMS = ("PPO", "APPO", "IMPALA")
-#: Algorithms whose policies can be evaluated and, unless they are recurrent, exported.
-FLOWN_ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
+#: Names of RLlib's algorithms whose policies can be trained and evaluated.
+ALGORITHMS = (*BATCHED_ALGORITHMS, "SAC", "DQN")
 
 #: Keys of safe_inspect that are given with RLlib's.
 OWN_KEYS: dict[str, Any] = by_name(

@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.vector.utils import batch_space
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.environments.facades.spaces import box
 from safe_inspect.environments.layout import observation_layout
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
@@ -31,12 +33,11 @@ from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_polic
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
 from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 from safe_inspect.outputs import new_file
+from safe_inspect.random.action_draws import draw_in_rollout
 from safe_inspect.types import AnyArray, FloatArray
 
 #: Largest accepted difference, relative to the range of the action or to the outputs of the net.
 EXPORT_TOLERANCE = 1e-5
-
-_SPREAD = 1.5
 
 _RANDOM_STEPS, _RANDOM_ROWS = 64, 64
 
@@ -50,14 +51,11 @@ class ExportDifference:
         action: Largest difference of the output `thrust`, relative to the range of the element [-].
         inputs: Largest difference of the output `action_dist_inputs`, relative to the largest output of the row, at
             least 1 [-].
-        undecided: Number of rows in which the action is undecided within the tolerance, such as two levels that are
-            equally likely; they are omitted from `action`.
     """
 
     rows: int
     action: float
     inputs: float
-    undecided: int = 0
 
     @property
     def passes(self) -> bool:
@@ -65,7 +63,7 @@ class ExportDifference:
         return bool(self.action <= EXPORT_TOLERANCE and self.inputs <= EXPORT_TOLERANCE)
 
 
-def compare_readings(policy: OnnxPolicy, module: Any, readings: AnyArray) -> ExportDifference:
+def compare_readings(policy: OnnxPolicy, module: Any, *readings: AnyArray) -> ExportDifference:
     """Compare a file with the checkpoint's module.
 
     The module gets the readings as the metadata of the file normalise them. For a recurrent policy the rows are
@@ -74,26 +72,45 @@ def compare_readings(policy: OnnxPolicy, module: Any, readings: AnyArray) -> Exp
     Args:
         policy: The file.
         module: The module.
-        readings: Observations in SI units, float32, shape (T, R, O) for T steps of R rows.
+        *readings: Observations in SI units, each float32, shape (T, R, O) for T steps of R rows.
     """
-    steps = readings if policy.recurrent else readings.reshape(1, -1, readings.shape[-1])
     net = partial(_outputs, module) if isinstance(module, torch.nn.Sequential) else TrainedPolicy(module).inputs
-    policy.reset()
-    thrust, inputs = (np.concatenate(parts) for parts in zip(*map(policy.outputs, steps), strict=True))
-    policy.reset()
     centre, width = (element_columns(policy.info.observation, name) for name in ("centre", "width"))
-    wanted = np.concatenate([net(np.ascontiguousarray((rows - centre) / width, np.float32)) for rows in steps])
-    scale = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1.0)
-    value, sure = _commanded(policy.info, wanted)
+    found, wanted = [], []
+    for seen in readings:
+        policy.reset()
+        for rows in seen if policy.recurrent else (seen.reshape(-1, seen.shape[-1]),):
+            found.append(policy.outputs(rows))
+            wanted.append(net(np.ascontiguousarray((rows - centre) / width, np.float32)))
+    thrust, inputs = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    expected = np.concatenate(wanted)
     low, high = (element_columns(policy.info.action, name) for name in ("low", "high"))
-    reach = np.where(np.isfinite(high - low), high - low, 1.0)
-    off = np.abs(thrust - value) / reach
-    return ExportDifference(
-        len(wanted),
-        float(off[sure].max(initial=0.0)),
-        float((np.abs(inputs - wanted) / scale).max(initial=0.0)),
-        int((~sure).sum()),
-    )
+    off = np.abs(thrust - _commanded(policy, inputs, expected)) / np.where(np.isfinite(high - low), high - low, 1.0)
+    scale = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1.0)
+    return ExportDifference(len(expected), float(off.max()), float((np.abs(inputs - expected) / scale).max()))
+
+
+def _commanded(policy: OnnxPolicy, inputs: AnyArray, expected: AnyArray) -> FloatArray:
+    """Return the commands of the controllers, shape (R, A), for the outputs of the module.
+
+    Choices are those of the file's own outputs, because of equally likely ones each may choose another.
+
+    Args:
+        policy: The file.
+        inputs: Inputs of the action distribution from the file, shape (R, I).
+        expected: The same from the module, shape (R, I).
+    """
+    elements, gates = policy.info.action, policy.info.distribution == "hurdle"
+    means = slice(gates, gates + sum(not element.levels for element in elements))
+    mixed, rows = inputs.copy(), np.zeros(len(inputs), dtype=np.int64)
+    mixed[:, means] = expected[:, means]
+    action = draw_in_rollout(policy.distribution, mixed, False, 0, rows, rows, 0)
+    offset, gain, low, high = (element_columns(elements, name) for name in ("offset", "gain", "low", "high"))
+    values = np.clip(offset + gain * action, low, high)
+    for column, element in enumerate(elements):
+        if element.levels:
+            values[:, column] = np.array(element.levels)[action[:, column].astype(np.int64)]
+    return values
 
 
 def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
@@ -103,13 +120,10 @@ def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
 
 def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, seed: int = 0) -> AnyArray:
     """Sample readings for the whole range of the net's inputs, float32, shape (steps, rows, O)."""
-    generator, layout = np.random.default_rng(seed), observation_layout(agent)
-    bounded = np.isfinite(layout.low) & np.isfinite(layout.high)
-    low, high = np.where(bounded, layout.low, 0.0), np.where(bounded, layout.high, 0.0)
-    size = (steps, rows, layout.size)
-    seen = np.where(bounded, generator.uniform(low, high, size), _SPREAD * generator.standard_normal(size))
+    space = batch_space(batch_space(box(observation_layout(agent)), rows), steps)
+    space.seed(seed)
     centre, width = (element_columns(info.observation, name) for name in ("centre", "width"))
-    return (seen * width + centre).astype(np.float32)
+    return np.asarray(space.sample() * width + centre, dtype=np.float32)
 
 
 def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
@@ -126,44 +140,6 @@ def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16
     task = with_scripted(raw, "zero-thrust", others) if others else raw
     rollout(task, fly, episodes=episodes, seed=seed, num_envs=episodes)
     return np.stack(seen)
-
-
-def _commanded(info: PolicyInfo, inputs: AnyArray) -> tuple[FloatArray, AnyArray]:
-    """Return the commands of the controllers for outputs of the net, and which rows are decided.
-
-    Returns:
-        Commands, shape (R, A), and a mask of the rows whose action does not change within the tolerance, shape (R,).
-    """
-    numbers = sum(not element.levels for element in info.action)
-    gates = info.distribution == "hurdle"
-    mean, sure = inputs[:, gates : gates + numbers].astype(np.float64), np.ones(len(inputs), dtype=np.bool_)
-    if gates:
-        mean, sure = np.where(inputs[:, :1] > 0.0, mean, 0.0), np.abs(inputs[:, 0]) > EXPORT_TOLERANCE
-    offset, gain, low, high = (
-        element_columns(info.action[:numbers], name) for name in ("offset", "gain", "low", "high")
-    )
-    values, first = [np.clip(offset + gain * mean, low, high)], gates + 2 * numbers
-    for element in info.action[numbers:]:
-        logits = inputs[:, first : first + len(element.levels)]
-        ordered = np.sort(logits, axis=1)
-        if len(element.levels) > 1:
-            sure &= ordered[:, -1] - ordered[:, -2] > EXPORT_TOLERANCE * np.maximum(np.abs(ordered).max(axis=1), 1.0)
-        values.append(np.array(element.levels)[logits.argmax(axis=1), None])
-        first += len(element.levels)
-    return np.concatenate(values, axis=1), sure
-
-
-def worst(first: ExportDifference, *others: ExportDifference) -> ExportDifference:
-    """Return the largest of each difference, over all rows together."""
-    for other in others:
-        first = replace(
-            first,
-            rows=first.rows + other.rows,
-            action=float(np.maximum(first.action, other.action)),
-            inputs=float(np.maximum(first.inputs, other.inputs)),
-            undecided=first.undecided + other.undecided,
-        )
-    return first
 
 
 @dataclass(frozen=True)
@@ -271,7 +247,7 @@ def write_policy(
         written = load_onnx(work)
         flown = flown_readings(written, spec)
         random = random_readings(agent, info, _RANDOM_STEPS, _RANDOM_ROWS)
-        difference = worst(*(compare_readings(written, module, readings) for readings in (random, flown)))
+        difference = compare_readings(written, module, random, flown)
         if not difference.passes:
             raise CheckpointError(
                 f"{title}: the exported policy differs from the given one by {difference.action:.1e} of the action's "

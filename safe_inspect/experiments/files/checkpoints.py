@@ -179,8 +179,7 @@ def weights_path(folder: Path) -> Path:
         checkpoint = folder.parents[len(MODULES.parts)]
         raise CheckpointError(
             f"{checkpoint}: the checkpoint contains the policy {folder.name!r} only as a pickle, which may run any "
-            "code, so it is not loaded. It was written by an earlier version or by an algorithm other than PPO, APPO, "
-            "IMPALA, SAC and DQN, or it is your own RLModule. Train again"
+            "code, so it is not loaded. It was written by an earlier version, or it is your own RLModule. Train again"
         )
     return path
 
@@ -215,21 +214,11 @@ def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
 
 def _check_one_trial(folder: Path) -> None:
     """Raise CheckpointError for a folder with several trials, as its newest checkpoint could be that of any trial."""
-    if (folder / PARAMETERS).is_file():
-        return
     trials = sorted(path.parent for path in folder.glob(f"**/{PARAMETERS}"))
-    if not trials:  # Tune's own folder, which contains a folder of one trial for each attempt if there is no search
-        found = {path.parent.name: path.parent for path in sorted(folder.glob("**/checkpoint_*")) if path.is_dir()}
-        trials = [found[name] for name in sorted(found)]
-    if len(trials) < 2:
-        return
-    lines = [
-        f"  {path}" + (f"  {parameters_text(read_parameters(path))}" if (path / PARAMETERS).is_file() else "")
-        for path in trials
-    ]
-    raise CheckpointError(
-        f"{folder}: this is a search with {len(trials)} trials; give the folder of one of them:\n" + "\n".join(lines)
-    )
+    if len(trials) > 1:
+        lines = "\n".join(f"  {path}  {parameters_text(read_parameters(path))}" for path in trials)
+        text = f"this is a search with {len(trials)} trials; give the folder of one of them"
+        raise CheckpointError(f"{folder}: {text}:\n{lines}")
 
 
 def _order(path: Path) -> tuple[int, float, str]:

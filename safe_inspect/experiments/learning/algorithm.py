@@ -80,10 +80,11 @@ def build_config(
     config.environment(ENVIRONMENT, env_config=environments, disable_env_checking=True)
     config.gym_env_vectorize_mode = "sync" if policies else "vector_entry_point"
     config.normalize_actions = config.clip_actions = False  # the environment clips a whole batch at once
-    callbacks = _own_callbacks(settings.get("callbacks") or ())
+    what, where = "a class of callbacks; derive it from ray.rllib's RLlibCallback", "rllib_configs.callbacks"
+    callbacks = [class_of(RLlibCallback, what, name, where) for name in settings.get("callbacks") or ()]
     config.callbacks(callbacks_class=[RunCallbacks, *callbacks])
     specs = _set_policies(config, settings, policies or {}, texts)
-    recurrent = [name for name, spec in specs.items() if _is_recurrent(spec)]
+    recurrent = [name for name, spec in specs.items() if cast(Any, spec.model_config).get("use_lstm")]
     learning = [name for name in recurrent if not policies or policies[name].trains]
     runner, learner = (f"the policy {names[0]} is recurrent" if names else "" for names in (recurrent, learning))
     if settings["env_runner"] == "batched" and not _needs_stock("runner samples", runner or _hook_of(callbacks)):
@@ -99,10 +100,6 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
-
-
-def _is_recurrent(spec: RLModuleSpec) -> bool:
-    return isinstance(spec.model_config, dict) and bool(spec.model_config.get("use_lstm"))
 
 
 def _hook_of(callbacks: Iterable[type[Any]]) -> str:
@@ -133,25 +130,6 @@ def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[st
         message = f"decisions that last several steps (CoastGlue) need {needs}, not {given}"
         hint = "change it, or remove CoastGlue"
         raise ConfigError(Problem(message, f"rllib_configs.{wrong[0]}", hint=hint))
-
-
-def _own_callbacks(names: Iterable[str]) -> list[type[Any]]:
-    """Return the classes of callbacks that an experiment names.
-
-    Raises:
-        ConfigError: There is no such class, or it is not an `RLlibCallback`.
-    """
-    found: list[type[Any]] = []
-    problems: list[Problem] = []
-    what, where = "a class of callbacks; derive it from ray.rllib's RLlibCallback", "rllib_configs.callbacks"
-    for name in names:
-        try:
-            found.append(class_of(RLlibCallback, what, name, where))
-        except ConfigError as error:
-            problems += error.problems
-    if problems:
-        raise ConfigError(problems)
-    return found
 
 
 def claimed_processors(config: AlgorithmConfig) -> float:

@@ -28,7 +28,6 @@ from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
 from ray.rllib.core import ALL_MODULES, DEFAULT_MODULE_ID, Columns
 from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 from ray.rllib.utils import metrics as names
-from ray.rllib.utils.metrics import WEIGHTS_SEQ_NO
 
 from safe_inspect.experiments.learning import ppo_kernels as kernels
 from safe_inspect.experiments.learning.ppo_kernels import Terms, advantages_of
@@ -62,7 +61,6 @@ class Batch:
         inputs: Inputs of the action distribution with which the actions were sampled, shape (R, I).
         log_probabilities: Log probabilities of the actions, shape (R,).
         rewards: Rewards, shape (R,).
-        weights: Mean sequence number of the weights with which the actions were sampled; None if unknown.
         steps: Number of control steps of each decision, shape (R,); None if each row is one step.
         observations: Observations of each step, shape (R, O).
         advantages: Standardised advantages, shape (R,); see `advise`.
@@ -76,7 +74,6 @@ class Batch:
     inputs: AnyArray
     log_probabilities: AnyArray
     rewards: AnyArray
-    weights: float | None = None
     steps: IntArray | None = None
     observations: AnyArray = field(init=False)
     advantages: AnyArray = field(init=False)
@@ -159,9 +156,8 @@ def _batch(pieces: list[Any]) -> Batch:
     lengths = np.array([len(piece) for piece in pieces], dtype=np.int64)
     outputs = {
         key: [piece.extra_model_outputs[key] for piece in pieces if key in piece.extra_model_outputs]
-        for key in (Columns.ACTION_DIST_INPUTS, Columns.ACTION_LOGP, WEIGHTS_SEQ_NO, DECISION_STEPS)
+        for key in (Columns.ACTION_DIST_INPUTS, Columns.ACTION_LOGP, DECISION_STEPS)
     }
-    weights = [_data(buffer).mean() for buffer in outputs[WEIGHTS_SEQ_NO]]
     steps = outputs[DECISION_STEPS]
     return Batch(
         all_observations=_joined(piece.observations for piece in pieces),
@@ -171,7 +167,6 @@ def _batch(pieces: list[Any]) -> Batch:
         inputs=_joined(outputs[Columns.ACTION_DIST_INPUTS]),
         log_probabilities=_joined(outputs[Columns.ACTION_LOGP]),
         rewards=_joined(piece.rewards for piece in pieces),
-        weights=float(np.average(weights, weights=lengths)) if len(weights) == len(pieces) else None,
         steps=np.concatenate([_data(buffer) for buffer in steps]) if steps else None,
     )
 
@@ -349,7 +344,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             seed = (int(self.config.seed or 0), name, self._weights_seq_no)
             order = minibatches(len(batch), minibatch_size, num_epochs, shuffle_batch_per_epoch, seed)
             trainings[name] = self._trainings(name, batch, order)
-            self._log_steps(name, order, batch.weights)
+            self._log_steps(name, order)
         self._run([training for found in trainings.values() for training in found])
         for name, found in trainings.items():
             self._log_losses(name, found)
@@ -414,7 +409,7 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             for _ in pool.map(NetTraining.run, trainings):
                 pass
 
-    def _log_steps(self, name: str, order: IntArray, weights: float | None) -> None:
+    def _log_steps(self, name: str, order: IntArray) -> None:
         log = self.metrics.log_value
         log((name, names.WEIGHTS_SEQ_NO), self._weights_seq_no, window=1)
         log((name, names.MODULE_TRAIN_BATCH_SIZE_MEAN), order.shape[1], reduce="mean")
@@ -423,8 +418,6 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
             key = (owner, names.NUM_MODULE_STEPS_TRAINED_LIFETIME)
             log(key, order.size, reduce="lifetime_sum", with_throughput=True)
         log((ALL_MODULES, names.NUM_MODULE_STEPS_TRAINED), order.size, reduce="sum", with_throughput=True)
-        if weights is not None:
-            log((name, names.DIFF_NUM_GRAD_UPDATES_VS_SAMPLER_POLICY), self._weights_seq_no - weights, window=1)
 
     def _log_losses(self, name: str, trainings: list[NetTraining]) -> None:
         losses = joined(trainings)

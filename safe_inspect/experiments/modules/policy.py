@@ -26,7 +26,7 @@ from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
-from safe_inspect.config.keys.rllib_keys import FLOWN_ALGORITHMS, FRESH_KEYS
+from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
@@ -212,8 +212,6 @@ def policy_spec(
     if info.get("distribution") == "hurdle":
         _check_zero(json.loads(info["action"]))
     known = DefaultModelConfig(**{key: value for key, value in model.items() if key not in FRESH_KEYS})
-    if algorithm not in FLOWN_ALGORITHMS:
-        return RLModuleSpec(model_config=known)
     if own.get("initial_weights"):
         starting_weights(own["initial_weights"], {INFO: info})  # raises errors here and not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories

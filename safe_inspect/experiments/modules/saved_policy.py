@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,19 +55,11 @@ class SavedPolicy(RLModule):  # type: ignore[misc]
 
     flown_space: Any = None
 
-    def save_to_path(
-        self,
-        path: str | Path | None = None,
-        *,
-        state: Mapping[str, Any] | None = None,
-        filesystem: Any = None,
-        use_msgpack: bool = False,
-    ) -> str:
+    def save_to_path(self, path: Any = None, *, state: Any = None, filesystem: Any = None, **options: Any) -> str:
         """Save the module into a folder, as RLlib does, and its weights file too."""
         if path is not None and filesystem is None:
             filesystem, path = FileSystem.from_uri(str(path))
-        more = {"state": state, "filesystem": filesystem, "use_msgpack": use_msgpack}
-        saved: str = super().save_to_path(path, **more)
+        saved: str = super().save_to_path(path, state=state, filesystem=filesystem, **options)
         if not self.inference_only:  # a runner's copy has no value function and is not saved
             content = pack(self, state or self.get_state())
             with (filesystem or LocalFileSystem()).open_output_stream(f"{saved}/{WEIGHTS}") as file:

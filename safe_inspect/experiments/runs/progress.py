@@ -14,12 +14,12 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-from safe_inspect.config.keys.run_keys import COMPILING
+from safe_inspect.config.keys.run_keys import COMPILING, STOP_COUNTS
 from safe_inspect.outputs import new_file
 
 #: Columns of progress.csv, each with the path of the value in RLlib's result.
@@ -50,7 +50,6 @@ _AGENTS = "env_runners/agents/"
 _LEARNERS = "learners/"
 _SINGLE = "default_policy"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
-_SHOWN = 5  # largest number of agents whose values are printed one by one
 _ENDLESS = 1e15  # larger limits mean "no limit"; safe-autonomy-sims uses 9e18
 
 _HIDDEN = ("timestamp", "pid", "seed", "iterations_since_restore", "time_since_restore")
@@ -60,17 +59,11 @@ def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
     """Return the numbers of a nested result under paths such as ``env_runners/episode_return_mean``."""
     flat: dict[str, float] = {}
     for key, value in result.items():
-        if key == "config":
-            continue
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and key != "config":
             flat |= flatten(value, f"{prefix}{key}/")
-        else:
-            try:
-                number = float(value)
-            except (TypeError, ValueError):
-                continue
-            if not isinstance(value, bool | str):
-                flat[f"{prefix}{key}"] = number
+        elif not isinstance(value, bool | str):
+            with suppress(TypeError, ValueError):
+                flat[f"{prefix}{key}"] = float(value)
     return flat
 
 
@@ -90,11 +83,6 @@ def row_of(flat: Mapping[str, float]) -> dict[str, float]:
             if name in _LEARNER_VALUES:
                 row[name if policy == _SINGLE else f"policies/{policy}/{name}"] = flat[key]
     return row
-
-
-def _agents_of(flat: Mapping[str, float]) -> list[str]:
-    """Return the names of the agents whose values are reported one by one."""
-    return sorted({key.removeprefix(_AGENTS).partition("/")[0] for key in flat if key.startswith(_AGENTS)})
 
 
 def time_left(stop: Mapping[str, float], now: Mapping[str, float], rates: Mapping[str, float]) -> float:
@@ -203,13 +191,7 @@ class TrainingProgress:
         label: Printed before each line, to distinguish trials.
     """
 
-    _TIMED = (
-        "training_iteration",
-        "num_env_steps_sampled_lifetime",
-        "time_total_s",
-        "env_runners/num_episodes_lifetime",
-        COMPILING,
-    )
+    _TIMED = (*STOP_COUNTS, COMPILING)
 
     def __init__(self, stop: Mapping[str, float], stream: TextIO, label: str = "") -> None:
         self._stop = dict(stop)
@@ -226,9 +208,8 @@ class TrainingProgress:
         """Return the line of an iteration."""
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
-        agents = _agents_of(flat)
         points = "env_runners/inspected_fraction" in flat  # some tasks have no points to inspect
-        line = self._label + "  ".join(
+        return self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
                 f"steps {flat.get('num_env_steps_sampled_lifetime', 0):>10,.0f}",
@@ -240,7 +221,6 @@ class TrainingProgress:
                 f"left {clock_text(self._left(flat))}",
             )
         )
-        return f"{line}\n{_of_agents(flat, agents)}" if agents else line
 
     def _rate(self, key: str) -> float:
         """Return the increase per second over the last ten iterations, excluding the time spent compiling."""
@@ -264,23 +244,6 @@ def _number(flat: Mapping[str, float], name: str, form: str) -> str:
 def _percent(flat: Mapping[str, float], name: str) -> str:
     value = flat.get(f"env_runners/{name}", math.nan)
     return f"{100 * value:3.0f} %" if math.isfinite(value) else "  - %"
-
-
-def _of_agents(flat: Mapping[str, float], agents: Sequence[str]) -> str:
-    """Return a line with the return and inspected points of each agent; only the ranges if there are many agents."""
-
-    def values(name: str) -> list[float]:
-        return [flat.get(f"{_AGENTS}{agent}/{name}", math.nan) for agent in agents]
-
-    returns, counts = values("return"), values("inspected_count")
-    if len(agents) > _SHOWN:
-        spread = f"return {min(returns):.3f} to {max(returns):.3f}, points {min(counts):.0f} to {max(counts):.0f}"
-        return f"    {len(agents)} agents: {spread}"
-    each = (
-        f"{agent} {value:.3f}" + (f", {count:.0f} points" if math.isfinite(count) else "")
-        for agent, value, count in zip(agents, returns, counts, strict=True)
-    )
-    return "    " + "   ".join(each)
 
 
 class TrainingLog:

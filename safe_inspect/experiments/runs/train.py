@@ -84,7 +84,8 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     cluster.set_environment()
     from safe_inspect.experiments.runs import tune_run  # loads Ray and Torch
 
-    tune_run.check(run, settings)  # keys that only the loaded Ray knows are checked before anything is written
+    # Keys that only the loaded Ray knows are checked before anything is written.
+    processors = tune_run.check(run, settings)
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
         reached = [] if start is None else _reached(start, settings.tune.settings["stop"])
@@ -94,7 +95,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             print(f"{text}, as in {more}", file=stream)
             return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
         try:
-            monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream)
+            monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream, processors)
         except ConfigError:
             if run.resume is None:  # nothing has been trained, so the folder is removed
                 shutil.rmtree(folder.path, ignore_errors=True)

@@ -38,13 +38,11 @@ from safe_inspect.experiments.files.run_folder import (
 )
 from safe_inspect.experiments.runs.progress import read_progress
 from safe_inspect.experiments.settings.search import Trial, experiment_of
-from safe_inspect.experiments.settings.translation import current_name
 
 if TYPE_CHECKING:
     from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
-_OF_POLICY = re.compile(r"experiment\.agent_config\[\d+\]\.policy\.config\.")
 _MOST_KEYS = 3  # largest number of keys in a label
 
 
@@ -246,14 +244,15 @@ def _stem(progress: Path) -> str:
 
 def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[str]:
     """Return a name for each recipe: its values of the keys that differ, or the folder's name if too many differ."""
-    flat = [dict(_leaves(configuration)) for configuration in configurations]
+    # The record of an experiment repeats the keys of policies under `rllib_configs` and `policies`.
+    flat = [dict(_leaves(without(configuration, {"policy"}))) for configuration in configurations]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
     differing: dict[
         tuple[str, ...], None
     ] = {}  # key and the text of each recipe; used as an ordered set, as agents often have the same
     for path in paths:
         values = [leaves.get(path) for leaves in flat]
-        if any(value != values[0] for value in values) and _among_rllib_keys(path) not in paths:
+        if any(value != values[0] for value in values):
             texts = (value_text(leaves[path]) if path in leaves else "none" for leaves in flat)
             differing[(path.rpartition(".")[2], *texts)] = None
     names = [", ".join(f"{key} {texts[index]}" for key, *texts in differing) for index in range(len(flat))]
@@ -265,13 +264,6 @@ def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -
         if len(set(names)) == len(names):
             return names
     return [f"{name} {number}" for number, name in enumerate(names, 1)]
-
-
-def _among_rllib_keys(path: str) -> str:
-    """Return the path below `rllib_configs` at which the record repeats a key of an agent's policy, renamed."""
-    key = _OF_POLICY.match(path)
-    head, dot, tail = path[key.end() :].partition(".") if key else ("", "", "")
-    return f"rllib_configs.{current_name(head)}{dot}{tail}"
 
 
 def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:

@@ -187,10 +187,13 @@ def _trial_name(trial: Any) -> str:
     return trial.storage.trial_dir_name or folder_name(trial)
 
 
-def check(run: TrainingRun, settings: Settings) -> None:
+def check(run: TrainingRun, settings: Settings) -> float:
     """Check what can only be checked once RLlib is loaded: keys of other algorithms than PPO, and value combinations.
 
     With several agents, also check that the policies match their agents.
+
+    Returns:
+        The number of processors that the largest trial needs.
 
     Raises:
         ConfigError: RLlib does not accept a key or a value, or a policy does not match its agents.
@@ -204,17 +207,11 @@ def check(run: TrainingRun, settings: Settings) -> None:
         if problems:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
-    configs = _bare_configs(run, settings)
+    configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
+    needed = max(map(claimed_processors, configs))
     tune_objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
-    processors = settings.ray.settings.get("num_cpus")
-    if processors:
-        cluster.check_size(max(map(claimed_processors, configs)), processors)
-
-
-def _bare_configs(run: TrainingRun, settings: Settings) -> list[AlgorithmConfig]:
-    """Return the configuration of each trial, without the values that depend on the run's folder."""
-    environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
-    return [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
+    cluster.check_size(needed, settings.ray.settings.get("num_cpus") or math.inf)
+    return needed
 
 
 def run_tune(
@@ -224,6 +221,7 @@ def run_tune(
     digest: str,
     start: Checkpoint | None,
     stream: TextIO,
+    processors: float,
 ) -> Monitor:
     """Train until a limit is reached, and return the monitor, which contains the last iteration.
 
@@ -234,6 +232,7 @@ def run_tune(
         digest: Hash of the learning configuration.
         start: The checkpoint from which the training continues; None for a new training or a search.
         stream: Stream for the progress.
+        processors: Number of processors that the largest trial needs, from `check`.
 
     Raises:
         ConfigError: A key or a value is not accepted.
@@ -275,7 +274,6 @@ def run_tune(
         file=stream,
         flush=True,
     )
-    processors = max(map(claimed_processors, configs or _bare_configs(run, settings)))
     with (
         monitor.heartbeat,
         cluster.ray_cluster(settings.ray.settings, processors, folder),

@@ -321,11 +321,6 @@ class _Batched:
             self._done = ()
         return self.metrics.reduce()
 
-    def assert_healthy(self) -> None:
-        """Check that environments and policies were built."""
-        assert self.env is not None
-        assert self.module is not None
-
     def _policy_of(self, agent: str) -> str:
         return str(self.config.policy_mapping_fn(agent, None) if self.several else DEFAULT_MODULE_ID)
 

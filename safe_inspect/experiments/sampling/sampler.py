@@ -111,6 +111,7 @@ class Sampler:
         self._slots_by_policy: dict[str, list[int]] = {}
         for index, slot in enumerate(slots):
             self._slots_by_policy.setdefault(slot.policy, []).append(index)
+        self._make_net = nets
         self._nets = {policy: nets(policy, count * len(indices)) for policy, indices in self._slots_by_policy.items()}
         self._where = environment.acting_indices
         ends = accumulate(group.size for group in environment.acting)
@@ -280,30 +281,17 @@ class DecisionSampler(Sampler):
     decision that has not elapsed when a call ends is stored by the next call, once it has elapsed.
 
     Args:
-        environment: See `Sampler`.
-        slots: See `Sampler`.
-        nets: See `Sampler`.
+        *arguments: See `Sampler`.
         gamma: Discount of a control step.
-        seed: See `Sampler`.
-        first_slot: See `Sampler`.
+        **keywords: See `Sampler`.
     """
 
-    def __init__(
-        self,
-        environment: TeamEnvironment,
-        slots: tuple[AgentSlot, ...],
-        nets: Callable[[str, int], PolicyNet],
-        *,
-        gamma: float,
-        seed: int,
-        first_slot: int,
-    ) -> None:
-        super().__init__(environment, slots, nets, seed=seed, first_slot=first_slot)
-        environment.observes_coasting = False
+    def __init__(self, *arguments: Any, gamma: float, **keywords: Any) -> None:
+        super().__init__(*arguments, **keywords)
+        self.environment.observes_coasting = False
         self._gamma = gamma
-        self._make_net = nets
         self._sized: dict[tuple[str, int], PolicyNet] = {}
-        shape = (len(slots), environment.num_envs)
+        shape = (len(self.agent_slots), self.environment.num_envs)
         self._rewards, self._discounts = np.zeros(shape), np.ones(shape)
         self._elapsed: IntArray = np.zeros(shape, dtype=np.int64)
         self._decisions: IntArray = np.zeros(shape, dtype=np.int64)
