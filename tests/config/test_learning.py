@@ -110,7 +110,6 @@ def test_what_stands_nowhere_or_has_a_place_keeps_it():
             ["policy.config={rl_module: x}"],
             "but not evaluated: no policy file can contain the code of `rl_module`",
         ),
-        (ONE, ["policy.algorithm=BC"], "policies of BC can be trained, but not evaluated; those of PPO"),
     ],
 )
 def test_what_is_not_flown_is_noted(file, overrides, note):
