@@ -21,19 +21,21 @@ _QUANTITY = [{"type": "number"}, {"type": "string"}, {"additionalProperties": Tr
 
 def lines() -> list[str]:
     """Return a line for each option: what it belongs to, its name, and its schema."""
-    found = set()
+    found, plugins = set(), set()
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
             package, room, *_ = *plugin.__module__.split("."), ""
             if package == "safe_inspect" and room != "testing":  # which contains further examples
+                plugins.add(plugin.__name__)
                 schema = plugin.model_json_schema()
                 found |= set(_fields(f"{kind} {name}", schema))
                 for part, inner in schema.get("$defs", {}).items():
                     found |= set(_fields(f"part {part}", inner))
     for file, model in {**FILES, "rendezvous": RendezvousConfig}.items():
         schema = model_schema(model)
-        for name, part in {file: schema, **schema.get("$defs", {})}.items():
-            found |= set(_fields(f"file {file}, {name}", part))
+        found |= set(_fields(f"file {file}", schema))
+        for part in schema.get("$defs", {}).keys() - plugins:
+            found |= set(_fields(f"part {part}", schema["$defs"][part]))
     return sorted(found | set(_arguments("", command_parser())))
 
 

@@ -167,6 +167,7 @@ class _PipelineEstimatorRun:
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
+        is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9 or self._frame is not None
         if self.pipeline is None:
             self.pipeline = self._begin(readings)
         else:
@@ -177,7 +178,6 @@ class _PipelineEstimatorRun:
                 expected = self._response.step(self._rate, readings.command)
                 self.pipeline.move(readings.samples, expected, self._context.step)
             self._frame = readings.frame
-        is_due = readings.time >= self._renewed + self._context.frame_period - 1e-9
         if is_due:
             self._renewed = readings.time
         estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
