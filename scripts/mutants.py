@@ -55,7 +55,7 @@ EQUIVALENT = ROOT / "scripts" / "equivalent_mutants.txt"
 #: Folders of tests where their name is not that of the room; files at the top of the package are the room "ground".
 TESTS = {
     "compiling": ["ground"], "config": ["config", "configs"], "evaluation": ["evaluation", "reference"],
-    "plugins": ["ground", "contract"], "random": ["ground"],
+    "missions": ["rendezvous"], "plugins": ["ground", "contract"], "random": ["ground"],
     "simulators": ["simulators", "contract"], "tasks": ["tasks", "platforms"], "testing": ["contract"],
     "train_rl": ["experiments"],
 }  # fmt: skip

@@ -10,7 +10,7 @@ from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.keys.old_keys import RENAMED
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS
 from safe_inspect.config.loading.located import has, locate, path_text, value_at
-from safe_inspect.config.loading.templates import NUMBER
+from safe_inspect.config.loading.templates import PLACEHOLDER
 from safe_inspect.errors import Problem
 
 _KeyPath = tuple[Any, ...]
@@ -103,7 +103,7 @@ def _places_of_policy(experiment: Experiment, path: str) -> list[_KeyPath]:
     key = rest.removeprefix(policy.name).removeprefix(".")
     places: list[_KeyPath] = []
     for index, entry in enumerate(experiment.tree["agent_config"]):
-        pattern = re.escape(str(entry["name"])).replace(re.escape(NUMBER), r"\d+")
+        pattern = re.escape(str(entry["name"])).replace(re.escape(PLACEHOLDER), r"\d+")
         if any(re.fullmatch(pattern, agent) for agent in policy.agents):
             base: _KeyPath = ("agent_config", index, "policy")
             places += [(*base, "config", *key.split(".")), (*base, key), base, base[:-1]]

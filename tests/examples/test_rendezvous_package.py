@@ -45,7 +45,8 @@ def test_its_planner_flies_to_the_mating_point(package, tracker):
     assert plan.solved
     # It flew the plan, not another one.
     moves = result.log.arrays()["state"] == 6
-    assert np.abs(result.log.arrays()["reference"][moves][0, :3] - plan.position[0]).max() < 1e-6
+    # The reference follows the newest estimate, 2 s after the one that the plan was made from.
+    assert np.abs(result.log.arrays()["reference"][moves][0, :3] - plan.position[0]).max() < 0.02
 
 
 @pytest.mark.parametrize("front_end", ["MeasuredPoses", pytest.param("ModelFrontEnd", marks=pytest.mark.slow)])

@@ -24,9 +24,9 @@ def lines() -> list[str]:
     found, plugins = set(), set()
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
+            plugins.add(plugin.__name__)
             package, room, *_ = *plugin.__module__.split("."), ""
             if package == "safe_inspect" and room != "testing":  # which contains further examples
-                plugins.add(plugin.__name__)
                 schema = plugin.model_json_schema()
                 found |= set(_fields(f"{kind} {name}", schema))
                 for part, inner in schema.get("$defs", {}).items():

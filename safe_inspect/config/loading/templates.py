@@ -16,7 +16,7 @@ from safe_inspect.config.loading.located import REPLACED, LocatedDict, locate, p
 from safe_inspect.errors import Problem, did_you_mean
 
 #: Placeholder of the number in a name.
-NUMBER = "#"
+PLACEHOLDER = "#"
 #: The largest number of deputies in one environment.
 MAX_COUNT = 100
 
@@ -49,7 +49,7 @@ def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
 def _agent(
     entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
 ) -> Iterator[Any]:
-    if not isinstance(entry, dict) or ("count" not in entry and NUMBER not in str(entry.get("name"))):
+    if not isinstance(entry, dict) or ("count" not in entry and PLACEHOLDER not in str(entry.get("name"))):
         yield entry
         return
 
@@ -63,17 +63,17 @@ def _agent(
         count = 1
     platforms = entry.get("platforms")
     names = [entry.get("name"), *(platforms if isinstance(platforms, list) else ())]
-    if count > 1 and not all(isinstance(name, str) and NUMBER in name for name in names):
-        wrong("count", f"{count} agents need unique names and platforms; write `{NUMBER}` for the number in them")
+    if count > 1 and not all(isinstance(name, str) and PLACEHOLDER in name for name in names):
+        wrong("count", f"{count} agents need unique names and platforms; write `{PLACEHOLDER}` for the number in them")
         count = 1
     for name in names[1:]:
-        if isinstance(name, str) and NUMBER in name:
+        if isinstance(name, str) and PLACEHOLDER in name:
             counts[name] = max(counts.get(name, 0), count)
     for number in range(count):
         copy = _numbered(entry, number)
         copy.pop("count", None)
         if isinstance(platforms, list):
-            numbered = [str(name).replace(NUMBER, str(number)) for name in platforms]
+            numbered = [str(name).replace(PLACEHOLDER, str(number)) for name in platforms]
             copy["platforms"] = rewritten(platforms, numbered)
         yield copy
 
@@ -82,12 +82,12 @@ def _platform(
     entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
 ) -> Iterator[Any]:
     name = entry.get("name") if isinstance(entry, dict) else None
-    if not isinstance(name, str) or NUMBER not in name:
+    if not isinstance(name, str) or PLACEHOLDER not in name:
         yield entry
         return
     if name not in counts:
         path = (*where, "name")
-        hint = f"name it under `platforms` of an agent with `{NUMBER}` in its name"
+        hint = f"name it under `platforms` of an agent with `{PLACEHOLDER}` in its name"
         hint = did_you_mean(name, counts) if counts else hint
         problems.append(Problem(f"no agent controls the platforms {name!r}", path_text(path), locate(tree, path), hint))
     for number in range(counts.get(name, 1)):
@@ -97,5 +97,5 @@ def _platform(
 def _numbered(entry: dict[Any, Any], number: int) -> LocatedDict:
     copy: LocatedDict = rewritten(entry)
     if isinstance(copy.get("name"), str):
-        copy["name"] = copy["name"].replace(NUMBER, str(number))
+        copy["name"] = copy["name"].replace(PLACEHOLDER, str(number))
     return copy
