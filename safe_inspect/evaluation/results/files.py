@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.evaluation.packing import UNREADABLE_PACKED, load_packed, save_packed
+from safe_inspect.evaluation.results.packing import UNREADABLE_PACKED, load_packed, save_packed
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.outputs import new_file
 
