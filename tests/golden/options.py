@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,12 +22,12 @@ _QUANTITY = [{"type": "number"}, {"type": "string"}, {"additionalProperties": Tr
 
 def lines() -> list[str]:
     """Return a line for each option: what it belongs to, its name, and its schema."""
-    found, plugins = set(), set()
+    found, plugins, own = set(), set(), _own()
     for kind in registry.kinds():
         for name, plugin in registry.items(kind):
-            plugins.add(plugin.__name__)
             package, room, *_ = *plugin.__module__.split("."), ""
             if package == "safe_inspect" and room != "testing":  # which contains further examples
+                plugins.add(plugin.__name__)
                 schema = plugin.model_json_schema()
                 found |= set(_fields(f"{kind} {name}", schema))
                 for part, inner in schema.get("$defs", {}).items():
@@ -34,9 +35,15 @@ def lines() -> list[str]:
     for file, model in {**FILES, "rendezvous": RendezvousConfig}.items():
         schema = model_schema(model)
         found |= set(_fields(f"file {file}", schema))
-        for part in schema.get("$defs", {}).keys() - plugins:
+        for part in (schema.get("$defs", {}).keys() & own) - plugins:
             found |= set(_fields(f"part {part}", schema["$defs"][part]))
     return sorted(found | set(_arguments("", command_parser())))
+
+
+def _own() -> set[str]:
+    """Return the names in the package's modules; a process may have models of tests too."""
+    modules = {name: module for name, module in sys.modules.items() if name.startswith("safe_inspect.")}
+    return {own for name, module in modules.items() if ".testing" not in name for own in vars(module)}
 
 
 def _arguments(command: str, parser: Parser) -> Iterator[str]:
