@@ -39,9 +39,9 @@ def test_a_mission_shows_how_it_stands_from_time_to_time(capsys: pytest.CaptureF
         lines.step(context(time))
     lines.change(2.0, Phase.OBSERVE, "seen", Phase.PLAN)
     lines.step(context(99.0, "nothing is seen"))
-    stand = "OBSERVE, 13.00 m from the target's centre; attitude within 1.2 deg, rate within 0.5 deg/s"
+    state = "OBSERVE, 13.00 m from the target's centre; attitude within 1.2 deg, rate within 0.5 deg/s"
     assert capsys.readouterr().err.splitlines() == [
-        *(f"{time:8.1f} s  {stand}" for time in (0.0, 10.5, 21.0)),
+        *(f"{time:8.1f} s  {state}" for time in (0.0, 10.5, 21.0)),
         "     2.0 s  OBSERVE -> PLAN (seen)",
         "    99.0 s  OBSERVE, 13.00 m from the target's centre; nothing is seen",
     ]

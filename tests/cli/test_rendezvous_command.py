@@ -54,14 +54,16 @@ def test_an_episode_of_an_evaluation_is_flown_alone(tmp_path: Path) -> None:
     assert summary == json.loads(json_text(expected))
 
 
-def test_a_mission_says_how_it_stands_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mission_prints_its_state_every_ten_seconds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["rendezvous", _FILE, "mission.time_limit=35 s"]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "loading; the first run on a machine compiles for a minute"
-    told = [line for line in lines if "from the target's centre" in line]
-    assert [line.split()[0] for line in told] == ["0.0", "10.0", "20.0", "30.0"]
-    assert told[0].endswith("s  CHECKOUT, 1.50 m from the target's centre; attitude within 0 deg, rate within 0 deg/s")
-    assert "OBSERVE, 1.50 m" in told[1]
+    printed = [line for line in lines if "from the target's centre" in line]
+    assert [line.split()[0] for line in printed] == ["0.0", "10.0", "20.0", "30.0"]
+    assert printed[0].endswith(
+        "s  CHECKOUT, 1.50 m from the target's centre; attitude within 0 deg, rate within 0 deg/s"
+    )
+    assert "OBSERVE, 1.50 m" in printed[1]
 
 
 def test_what_is_doubtful_is_printed_before_the_flight(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ def among_coasting(state: RelativeState, position: np.ndarray, velocity: np.ndar
     return TeamState(*both, state.sun_angle, coasting)
 
 
-def beside(
+def filtered_first(
     run: TeamFilter, state: RelativeState, desired: np.ndarray, position: np.ndarray, velocity: np.ndarray
 ) -> Any:
     """Return what the filter of the team decides for the first deputy."""

@@ -22,7 +22,7 @@ from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
-from .coasting_others import among_coasting, beside
+from .coasting_others import among_coasting, filtered_first
 from .limit_flights import (
     BOUNDS,
     CLOSE,
@@ -195,6 +195,6 @@ def test_one_deputy_among_others_that_coast() -> None:
     run, others = TeamFilter(None, (*NAMES, "deputy_collision")), drawn(12, 2 * ROWS, (15.0, 40.0, 0.05))
     p, v = others.position.reshape(ROWS, 2, 3), others.velocity.reshape(ROWS, 2, 3)
     p = drawn(13, ROWS, NEAR).position[:, None] + 0.5 * p
-    found = noted(flight(lambda state, desired: beside(run, state, desired, p, v), NEAR, 13))
+    found = noted(flight(lambda state, desired: filtered_first(run, state, desired, p, v), NEAR, 13))
     kept = run.recoverable(among_coasting(drawn(13, ROWS, NEAR), p, v))
     check("decentralised", found | {"recoverable": kept})

@@ -25,7 +25,7 @@ from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record
-from .coasting_others import beside
+from .coasting_others import filtered_first
 from .limit_flights import BOUNDS, SUMS, drawn, noted, one_number, wanted
 
 RECORD, SETTINGS = Path(__file__).with_name("settings.json"), 24
@@ -84,7 +84,7 @@ def test_random_settings(name: str) -> None:
         def step(state: RelativeState, desired: FloatArray, run: Any = run, memory: list[Any] = memory) -> Any:
             if isinstance(run, TeamFilter):
                 others = np.roll(state.position, 1, axis=0), np.roll(state.velocity, 1, axis=0)
-                return beside(run, state, desired, *(array[:, None] for array in others))
+                return filtered_first(run, state, desired, *(array[:, None] for array in others))
             if not isinstance(run, BackupFilter) or run.tracker is None:
                 return run(state, desired)
             if memory[0] is None:

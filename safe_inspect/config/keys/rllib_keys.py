@@ -9,90 +9,42 @@ installed release of Ray.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from annotated_types import Ge, Le
 from pydantic import (
-    AfterValidator,
-    AllowInfNan,
-    BaseModel,
-    BeforeValidator,
     StrictBool,
-    StringConstraints,
-    WrapValidator,
 )
 
 from safe_inspect.config.keys import by_name
+from safe_inspect.config.keys.value_types import (
+    AMOUNT,
+    COUNT,
+    FINITE,
+    NUMBER,
+    OBJECT,
+    OBJECTS,
+    PATHS,
+    POSITIVE,
+    SHARE,
+    UNLIMITED,
+    numeric,
+    schedule_of,
+)
 
-#: Pattern of the path of a class.
-DOTTED_PATH = r"^\w+(\.\w+)+$"
-
-
-def _as_written(value: Any, check: Callable[[Any], Any]) -> Any:
-    """Return a checked number. A whole number stays one, so that a resumed run has the configuration of its files."""
-    found = check(str(value) if isinstance(value, bool) else value)  # `true` is not 1
-    return value if isinstance(value, int) else found
-
-
-def numeric(kind: type[int] | type[float], *limits: Any) -> Any:
-    """Return the type of a number within limits."""
-    return Annotated[(kind, *limits, WrapValidator(_as_written))]  # type: ignore[misc]
-
-
-def _begins(pairs: list[tuple[int, float]]) -> list[list[float]]:
-    if not pairs or pairs[0][0] != 0:
-        raise ValueError("a schedule must begin with step 0")
-    return [list(pair) for pair in pairs]
-
-
-def _schedule(number: Any) -> Any:
-    """Return the type of a number, or of pairs of step and number."""
-    pairs: Any = list[tuple[numeric(int, Ge(0)), number]]  # type: ignore[misc]
-    return number | Annotated[pairs, AfterValidator(_begins)]
-
-
-class _Entry(BaseModel, extra="forbid"):
-    functor: Annotated[str, StringConstraints(pattern=DOTTED_PATH)]
-    config: dict[str, Any] = {}
-
-
-def _written_out(value: Any) -> Any:
-    entry = {"functor": value} if isinstance(value, str) else value
-    if not isinstance(entry, Mapping):
-        raise ValueError(f"expected `{{functor: module.Class, config: {{...}}}}` or a dotted path, got {value!r:.60}")
-    if entry.get("config", {}) is None:
-        return {**entry, "config": {}}
-    return entry
-
-
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-_GREATEST, _FINITE = Le(2**31 - 1), AllowInfNan(False)  # of C's integers
-COUNT, POSITIVE = numeric(int, Ge(0), _GREATEST), numeric(int, Ge(1), _GREATEST)
-_UNLIMITED = numeric(float, Ge(0))
-NUMBER = numeric(float, _FINITE)
-_SHARE = numeric(float, Ge(0), Le(1))
-AMOUNT = numeric(float, Ge(0), _FINITE)
-_RATE = _schedule(AMOUNT)
+_RATE = schedule_of(AMOUNT)
 _MAPPING = dict[Any, Any]
 _SIZES: Any = list[POSITIVE]  # type: ignore[valid-type]
 _AUTO = Literal["auto"]
-_PATHS = Annotated[list[Annotated[str, StringConstraints(pattern=DOTTED_PATH)]], BeforeValidator(_listed)]
-#: `{functor: module.Class, config: {...}}` or a dotted path, and a list of these.
-OBJECT = Annotated[_Entry, BeforeValidator(_written_out), AfterValidator(_Entry.model_dump)]
-OBJECTS = Annotated[list[OBJECT], BeforeValidator(_listed)]
 
 #: Keys of every RLlib algorithm: attributes of `AlgorithmConfig`.
 COMMON_KEYS: dict[str, Any] = by_name(
     {
-        _SHARE: "gamma",
+        SHARE: "gamma",
         _RATE: "lr",
-        _UNLIMITED | None: "grad_clip sample_timeout_s",
+        UNLIMITED | None: "grad_clip sample_timeout_s",
         Literal["value", "norm", "global_norm"]: "grad_clip_by",
         POSITIVE: """
             train_batch_size_per_learner num_epochs num_envs_per_env_runner max_requests_in_flight_per_env_runner
@@ -127,7 +79,7 @@ COMMON_KEYS: dict[str, Any] = by_name(
         str | None: "torch_compile_learner_dynamo_mode torch_compile_worker_dynamo_mode",
         Literal["episodes", "timesteps"]: "evaluation_duration_unit",
         _MAPPING | None: "evaluation_config",
-        _UNLIMITED: """
+        UNLIMITED: """
             evaluation_sample_timeout_s evaluation_unhealthy_workers_timeout_s metrics_episode_collection_timeout_s
             delay_between_env_runner_restarts_s env_runner_health_probe_timeout_s env_runner_restore_timeout_s
         """,
@@ -141,7 +93,7 @@ COMMON_KEYS: dict[str, Any] = by_name(
 #: Additional keys of PPO.
 PPO_KEYS: dict[str, Any] = by_name(
     {
-        _SHARE: "lambda",
+        SHARE: "lambda",
         StrictBool: "use_critic use_gae use_kl_loss",
         AMOUNT: "kl_coeff kl_target vf_loss_coeff",
         _RATE: "entropy_coeff",
@@ -156,7 +108,7 @@ _REPLAY_KEYS: dict[str, Any] = by_name(
         COUNT: "num_steps_sampled_before_learning_starts target_network_update_freq",
         AMOUNT | None: "training_intensity",
         StrictBool: "store_buffer_in_checkpoints",
-        _SHARE: "tau",
+        SHARE: "tau",
     }
 )
 
@@ -173,7 +125,7 @@ SAC_KEYS: dict[str, Any] = _REPLAY_KEYS | by_name(
 #: Additional keys of DQN that are often set.
 DQN_KEYS: dict[str, Any] = _REPLAY_KEYS | by_name(
     {
-        _schedule(_SHARE): "epsilon",
+        schedule_of(SHARE): "epsilon",
         StrictBool: "double_q dueling",
         POSITIVE: "num_atoms",
         NUMBER: "v_min v_max",
@@ -198,7 +150,7 @@ OWN_KEYS: dict[str, Any] = by_name(
         POSITIVE: "torch_num_threads learner_threads",
         Literal["batched", "stock"]: "env_runner",
         Literal["fast", "stock"]: "learner",
-        _PATHS | None: "callbacks",
+        PATHS | None: "callbacks",
         OBJECT | None: "rl_module",
         OBJECTS | None: "env_to_module_connector module_to_env_connector learner_connector",
     }
@@ -221,7 +173,7 @@ FRESH_KEYS: dict[str, Any] = by_name(
         StrictBool: "orthogonal hurdle",
         COUNT | None: "initial_choice",
         numeric(float, Ge(0.01), Le(0.99)): "initial_probability initial_burn_probability",
-        numeric(float, Ge(1e-4), _FINITE) | None: "initial_std",
+        numeric(float, Ge(1e-4), FINITE) | None: "initial_std",
         str | None: "initial_weights",
     }
 )
@@ -243,7 +195,7 @@ MODEL_KEYS: dict[str, Any] = by_name(
             fcnet_use_layernorm head_fcnet_use_layernorm free_log_std vf_share_layers use_lstm lstm_use_prev_action
             lstm_use_prev_reward
         """,
-        _UNLIMITED: "log_std_clip_param",
+        UNLIMITED: "log_std_clip_param",
         POSITIVE: "max_seq_len lstm_cell_size",
     }
 )

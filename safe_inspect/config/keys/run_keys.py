@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 from pydantic import StrictBool
 
 from safe_inspect.config.keys import by_name
-from safe_inspect.config.keys.rllib_keys import AMOUNT, COUNT, OBJECT, OBJECTS, POSITIVE, numeric
+from safe_inspect.config.keys.value_types import AMOUNT, COUNT, OBJECT, OBJECTS, POSITIVE, numeric
 
 TUNE_KEYS: dict[str, Any] = by_name(
     {

@@ -14,6 +14,7 @@ from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.old_keys import key_hint
 from safe_inspect.config.keys.rllib_keys import keys_of_release
+from safe_inspect.config.keys.value_types import NUMBER, numeric
 from safe_inspect.errors import Problem, did_you_mean
 from safe_inspect.experiments.settings.key_tables import (
     EVAL,
@@ -31,7 +32,7 @@ _REFUSED = old_keys.RESERVED | dict.fromkeys(_MODEL.known, "it is a key of `mode
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
-_LIMIT = keys.numeric(float, Ge(1))
+_LIMIT = numeric(float, Ge(1))
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
 
@@ -291,7 +292,7 @@ def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Pr
             continue
         if name != given and "/" not in str(given) and str(given) not in name:
             notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else keys.NUMBER, value)
+        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else NUMBER, value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif name in settings:

@@ -227,7 +227,9 @@ class _ModelFrontEndRun:
         """
         found = acquire(self._registration, cloud, kept=_ALTERNATIVES + 1)
         fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
-        if len(fitting) > _ALTERNATIVES or fitting[0].score > _LARGEST_SCORE:
+        if fitting[0].score > _LARGEST_SCORE:
+            return
+        if len(fitting) > _ALTERNATIVES:
             self._search_again = time + _SEARCH_PERIOD - 1e-9
             return
         if expected is not None:

@@ -14,7 +14,7 @@ from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.model_registration import _spread_rotations, acquire
-from safe_inspect.rendezvous.plugins import ModelFrontEnd
+from safe_inspect.rendezvous.plugins import BoxTarget, ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
@@ -117,6 +117,25 @@ def test_it_recovers_when_the_target_was_out_of_view(target: Target, streams: St
     last = edges[-1][-1]
     expected = truth[last.second] if last.first == MODEL else inverse(truth[last.first]) @ truth[last.second]
     assert _degrees(expected, last.pose) < 2.0
+
+
+def test_all_poses_of_a_cube_are_followed_until_they_differ(streams: Streams) -> None:
+    cube = {"boxes": [{"centre": ["0 m"] * 3, "half_size": ["0.2 m"] * 3}], "mating_point": ["0 m", "0 m", "0.6 m"]}
+    target = BoxTarget.model_validate(cube)()
+    renderer = TimeOfFlightCamera(profile="clean")(target)
+    front_end = ModelFrontEnd()(FrontEndContext(CAMERA, T_BC, target, streams))
+    truth = spin(3)
+    edges = []
+    for number, one in enumerate(truth):
+        eye = one @ T_BC
+        frame = renderer.render(eye[:3, :3], eye[:3, 3], streams, number, float(number))
+        edges.append(front_end.step(frame, None, np.eye(3)))
+    # The attitude relative to the cube stays unknown, and the motion since the first frame does not.
+    assert edges[0] == []
+    for number in (1, 2):
+        (edge,) = edges[number]
+        assert (edge.first, edge.second) == (0, number)
+        assert _degrees(inverse(truth[0]) @ truth[number], edge.pose) < 1.0
 
 
 def test_it_needs_a_known_shape(streams: Streams) -> None:
