@@ -111,10 +111,11 @@ class Mission:
     def _record(self, command: Command, done: TruthStep) -> None:
         context, target = self.pilot.context, self._target
         distances = clearances(target, done.chaser.position, done.target, context.limits.radius)
-        design, plan = context.design, context.plan
+        following = context.following
         tube = margin = tube_force = np.nan
-        if context.following is not None and design is not None and plan is not None:
-            k = min(context.step - context.following.first_step, len(design.tube.clearance) - 1)
+        if following is not None:
+            design = following.design
+            k = min(context.step - following.first_step, len(design.tube.clearance) - 1)
             tube, margin = float(design.tube.clearance[k]), float(design.margin[k])
             tube_force = float(design.tube.force[k])
         estimate = context.estimate

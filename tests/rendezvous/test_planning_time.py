@@ -31,9 +31,7 @@ def _context(state: np.ndarray, following: Any, tide: np.ndarray | None = None) 
         relative=np.concatenate([state[:3] - _CENTRE, state[3:]]),
     )
     config = SimpleNamespace(tracker=lambda design: LinearFeedback.of_lqr(_AXIS))
-    return SimpleNamespace(
-        estimate=estimate, following=following, axis=_AXIS, step=7, config=config, design=object(), tide=tide
-    )
+    return SimpleNamespace(estimate=estimate, following=following, axis=_AXIS, step=7, config=config, tide=tide)
 
 
 def _reference(steps: int, tide: np.ndarray | None) -> TrackedReference:
@@ -46,7 +44,8 @@ def _reference(steps: int, tide: np.ndarray | None) -> TrackedReference:
 @pytest.mark.parametrize("tide", [None, np.array([2e-3, -1e-3, 5e-4])])
 def test_planning_starts_from_where_the_tracker_will_have_taken_the_chaser(tide: np.ndarray | None) -> None:
     reference, tracker = _reference(60, tide), LinearFeedback.of_lqr(_AXIS)
-    following = Following(reference, 4, tracker)
+    nothing: Any = None
+    following = Following(nothing, nothing, nothing, reference, 4, tracker)
     k, steps, error = 3, 10, np.array([[0.01, -0.004, 0.002], [0.001, 0.0, -0.002]])
     state = np.concatenate([reference.position[k], reference.velocity[k]])
     found = _state_after(_context(state + error.ravel(), following, tide), steps)

@@ -32,10 +32,9 @@ def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bo
     return bound
 
 
-def new_reference(context: MissionContext) -> TrackedReference:
-    """Return the reference of the plan, computed with the newest estimate."""
-    mission, plan = context.config.mission, context.plan
-    assert plan is not None, "a reference must only be followed with a plan"
+def new_reference(context: MissionContext, plan: Plan) -> TrackedReference:
+    """Return the reference of a plan, computed with the newest estimate."""
+    mission = context.config.mission
     tail = round(mission.hold_limit / mission.step) + 1
     return reference_of(plan, context.estimate, context.target.mating_point, tail, mission.step, mission.mean_motion)
 
@@ -46,10 +45,11 @@ def renew_reference(context: MissionContext) -> None:
     A reference outside of the limits leads to a new plan. A reference outside of the bound without updates is only
     logged, because the path keeps its clearance in the target's frame, where an update does not change it.
     """
-    following, plan, design, bound = context.following, context.plan, context.design, context.unrenewed
+    following = context.following
     assert following is not None, "the reference can only be updated during an approach"
-    following.reference = reference = new_reference(context)
-    if context.phase is not Phase.TRACK or plan is None or design is None or bound is None:
+    plan, design, bound = following.plan, following.design, following.unrenewed
+    following.reference = reference = new_reference(context, plan)
+    if context.phase is not Phase.TRACK:
         return
     k = context.step - following.first_step
     # The origin of the plan is the target's centre of mass.
@@ -261,8 +261,8 @@ def _state_after(context: MissionContext, steps: int) -> FloatArray:
     """
     estimate, following, axis = context.estimate, context.following, context.axis
     x = estimate.translation
-    if following is not None and context.design is not None:
-        tracker, reference = context.config.tracker(context.design), following.reference
+    if following is not None:
+        tracker, reference = context.config.tracker(following.design), following.reference
         for step in range(context.step, context.step + steps):
             k = min(step - following.first_step, len(reference.position) - 1)
             tide = 0.0 if reference.tide is None else axis.mass * reference.tide[k]
@@ -318,9 +318,9 @@ def start_approach(context: MissionContext) -> None:
     assert design is not None, "an approach must only start with a tube"
     context.on_approach = True
     context.outside = 0.0
-    tracker = context.config.tracker(design)
-    context.following = Following(new_reference(context), context.step, tracker)
-    context.unrenewed = reference_bound(context, plan, updated=False)
+    unrenewed = reference_bound(context, plan, updated=False)
+    reference, tracker = new_reference(context, plan), context.config.tracker(design)
+    context.following = Following(plan, design, unrenewed, reference, context.step, tracker)
     context.reference_problem, context.has_left_bound = "", False
     renew_escape(context)
 

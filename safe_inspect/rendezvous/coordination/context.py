@@ -168,14 +168,20 @@ class PilotConfig(NamedTuple):
 
 @dataclass(eq=False)
 class Following:
-    """A reference and its tracker.
+    """The approach that is flown, which continues while another one is planned.
 
     Attributes:
+        plan: Its plan.
+        design: The tube of the plan, with its reserves.
+        unrenewed: Bound of the error of the plan's reference without updates.
         reference: Positions and velocities at the control steps.
         first_step: Number of the control step at which the reference starts.
         tracker: The tracker that follows the reference.
     """
 
+    plan: Plan
+    design: TubeDesign
+    unrenewed: Bound
     reference: TrackedReference
     first_step: int
     tracker: TrackerRun
@@ -204,12 +210,11 @@ class MissionContext:
         plan: The newest plan.
         query: The query of the newest plan.
         planned_at: Time from which the newest plan may be flown, when its computation ends [s].
-        design: The tube of the plan, with its reserves.
-        unrenewed: Bound of the error of the plan's reference without updates during the approach.
+        design: The tube of the newest plan.
         reference_problem: Which limit the newest reference violates; empty for none.
-        has_left_bound: Whether a reference of this approach was outside of that bound.
+        has_left_bound: Whether a reference of this approach was outside of its bound without updates.
         demands: The requirements on the next plan.
-        following: The reference of the approach and its tracker.
+        following: The approach that is flown.
         renewed_at: Time at which the reference was last updated [s].
         escape: The newest escape.
         plan_failures: Number of consecutive failures to plan.
@@ -252,7 +257,6 @@ class MissionContext:
     query: PlanQuery | None = None
     planned_at: float = -1.0
     design: TubeDesign | None = None
-    unrenewed: Bound | None = None
     reference_problem: str = ""
     has_left_bound: bool = False
     demands: PlanDemands = field(default_factory=PlanDemands)
