@@ -23,7 +23,6 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
-from safe_inspect.rendezvous.front_end.residuals import Residuals
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
@@ -34,9 +33,8 @@ from safe_inspect.types import FloatArray
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
 
 
-def _no_outline(*_: Any) -> tuple[Residuals, FloatArray]:
-    nothing = np.zeros((0, 3))
-    return Residuals(nothing, nothing, np.zeros(0), np.zeros(0)), np.zeros(1)
+def _no_outline(*_: Any) -> tuple[float, int]:
+    return 0.0, 0
 
 
 def _all_of_them(self: SurfacePoints, _: FloatArray) -> SurfacePoints:
@@ -46,7 +44,7 @@ def _all_of_them(self: SurfacePoints, _: FloatArray) -> SurfacePoints:
 #: Name, prior or not, cut [m], edges of the depth image that are dropped [m], and what is patched.
 _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextManager[Any]]], ...] = (
     ("as it is", True, 0.03, np.inf, nullcontext),
-    ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "silhouette_residuals", _no_outline)),
+    ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "add_silhouette", _no_outline)),
     ("the rear too", True, 0.03, np.inf, lambda: patch.object(SurfacePoints, "facing", _all_of_them)),
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),

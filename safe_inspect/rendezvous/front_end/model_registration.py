@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.front_end.residuals import RangeNoise, silhouette_residuals, surface_residuals
+from safe_inspect.rendezvous.front_end.residuals import RangeNoise, add_silhouette, add_surface
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
@@ -18,7 +18,7 @@ from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
-_CONVERGED = 2e-5
+_CONVERGED = 1e-4
 #: Largest component of a step [rad, m].
 _LARGEST_STEP = 0.2
 #: Distance to the surface beyond which points do not count [m].
@@ -133,11 +133,11 @@ class ModelRegistration:
         mount = self._T_BC
         samples = (self.coarse_samples if coarse else self.samples).facing((pose @ mount)[:3, 3])
         noise = self._noise._replace(cut=self._noise.cut * widening)
-        on_surface, distance, inliers = surface_residuals(self.surface, samples, pose, cloud, noise, coarse=coarse)
-        outside, far = silhouette_residuals(samples, pose, cloud, self._camera, mount, noise)
-        of_surface = on_surface.sums(np.zeros((7, 7)))
-        sums, squares, number = outside.sums(of_surface), float(of_surface[6, 6]), max(len(cloud), 1)
-        score = float(np.cumsum([0.0, *distance])[-1]) / number + float(np.cumsum([0.0, *far])[-1]) / max(len(far), 1)
+        sums, number = np.zeros((7, 7)), max(len(cloud), 1)
+        distance, inliers = add_surface(sums, self.surface, samples, pose, cloud, noise, coarse=coarse)
+        squares = float(sums[6, 6])
+        far, shown = add_silhouette(sums, samples, pose, cloud, self._camera, mount, noise)
+        score = distance / number + far / max(shown, 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
         return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()
 

@@ -6,11 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from safe_inspect.compiling import njit
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Angle between the normals of neighbouring triangles above which their common edge is sharp [rad].
 _SHARP = np.deg2rad(30.0)
+#: Corners of triangles, their normals, sides, outward normals of the sides, squared lengths and sharp edges.
+_Shape = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]
 
 
 class SurfacePoints(NamedTuple):
@@ -76,9 +79,10 @@ class MeshSurface:
         self.corners: FloatArray = corners[solid]
         self.normals: FloatArray = area[solid] / np.linalg.norm(area[solid], axis=1, keepdims=True)
         self.patches, self.sharp, self._neighbours = _patches(mesh.faces[solid], self.normals)
-        self._sides = sides[solid]
-        self._squares = np.square(self._sides).sum(axis=2)
-        self._outwards = np.cross(self._sides, self.normals[:, None])
+        sides = sides[solid]
+        self._squares = np.square(sides).sum(axis=2)
+        outwards = np.cross(sides, self.normals[:, None])
+        self._shape: _Shape = (self.corners, self.normals, sides, outwards, self._squares, self.sharp)
 
     @property
     def sharp_edges(self) -> FloatArray:
@@ -120,33 +124,59 @@ class MeshSurface:
         first = samples.triangles[tree.query(positions.T)[1]]
         counts = np.zeros(len(self.corners), np.bool_)
         counts[samples.triangles] = True
-        near = first[:, None] if coarse else np.column_stack([first, self._neighbours[first]])
-        near = np.where(counts[near], near, first[:, None]).T  # candidate, position
-        height, beyond, sharp = self._offset(near, positions[:, None])
-        best = (height * height + dot(beyond, beyond)).argmin(axis=0), np.arange(len(first))
-        return Offsets(near[best], height[best], np.where(sharp[best], beyond[:, *best], 0.0))
+        candidates = first[:, None] if coarse else np.column_stack([first, self._neighbours[first]])
+        found = Offsets(first.copy(), np.empty(len(first)), np.empty((3, len(first))))
+        _nearest(candidates, counts, positions, self._shape, found.triangles, found.height, found.beyond)
+        return found
 
-    def _offset(self, triangles: IntArray, positions: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return heights [m], shape (c, n), vectors along the planes [m], (3, c, n), and if their edge is sharp."""
-        normals = self.normals.T[:, triangles]
-        least = np.full(triangles.shape, np.inf)
-        beyond = np.zeros((3, *triangles.shape))
-        outside, sharp = np.zeros(triangles.shape, np.bool_), np.zeros(triangles.shape, np.bool_)
-        for edge in range(3):
-            from_corner = positions - self.corners[:, edge].T[:, triangles]
-            side = self._sides[:, edge].T[:, triangles]
-            if edge == 0:
-                height = dot(from_corner, normals)
-            outside |= dot(from_corner, self._outwards[:, edge].T[:, triangles]) > 0.0
-            along = np.clip(dot(from_corner, side) / self._squares[:, edge][triangles], 0.0, 1.0)
-            offset = from_corner - along * side - height * normals
-            square = dot(offset, offset)
-            # Beyond a corner, two edges are equally near; the corner is sharp if one of them is.
-            tie = np.abs(square - least) <= 1e-9 * square
-            nearer = (square < least) & ~tie
-            sharp = np.where(nearer, self.sharp[:, edge][triangles], sharp | (tie & self.sharp[:, edge][triangles]))
-            beyond, least = np.where(nearer, offset, beyond), np.where(nearer, square, least)
-        return height, np.where(outside, beyond, 0.0), sharp & outside
+
+@njit
+def _nearest(
+    candidates: IntArray,
+    counts: BoolArray,
+    positions: FloatArray,
+    shape: _Shape,
+    triangles: IntArray,
+    height: FloatArray,
+    beyond: FloatArray,
+) -> None:
+    """Write the nearest of the candidates of each position, shape (n, c), and the position relative to it."""
+    corners, normals, sides, outwards, squares, sharp = shape
+    offset = np.empty(3)
+    for index in range(len(candidates)):
+        smallest = np.inf
+        for triangle in candidates[index]:
+            if not counts[triangle]:
+                continue
+            nx, ny, nz = normals[triangle, 0], normals[triangle, 1], normals[triangle, 2]
+            outside, is_sharp, least, above = False, False, np.inf, 0.0
+            for edge in range(3):
+                cx, cy, cz = _at(corners, triangle, edge)
+                sx, sy, sz = _at(sides, triangle, edge)
+                ox, oy, oz = _at(outwards, triangle, edge)
+                px, py, pz = positions[0, index] - cx, positions[1, index] - cy, positions[2, index] - cz
+                if edge == 0:
+                    above = px * nx + py * ny + pz * nz
+                outside = outside or px * ox + py * oy + pz * oz > 0.0
+                along = min(max((px * sx + py * sy + pz * sz) / squares[triangle, edge], 0.0), 1.0)
+                dx, dy, dz = px - along * sx - above * nx, py - along * sy - above * ny, pz - along * sz - above * nz
+                square = dx * dx + dy * dy + dz * dz
+                # Beyond a corner, two edges are equally near; the corner is sharp if one of them is.
+                if abs(square - least) <= 1e-9 * square:
+                    is_sharp = is_sharp or sharp[triangle, edge]
+                elif square < least:
+                    is_sharp, least = sharp[triangle, edge], square
+                    offset[0], offset[1], offset[2] = dx, dy, dz
+            square = above * above + (least if outside else 0.0)
+            if square < smallest:
+                smallest, triangles[index], height[index] = square, triangle, above
+                for axis in range(3):
+                    beyond[axis, index] = offset[axis] if outside and is_sharp else 0.0
+
+
+@njit
+def _at(vectors: FloatArray, triangle: int, edge: int) -> tuple[float, float, float]:
+    return vectors[triangle, edge, 0], vectors[triangle, edge, 1], vectors[triangle, edge, 2]
 
 
 def dot(first: FloatArray, second: FloatArray) -> FloatArray:
