@@ -93,7 +93,7 @@ def test_it_is_evaluated_without_draws(run):
     assert flown[0].max() > 0.0
 
 
-def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tmp_path):
+def test_recurrent_policies_are_exported_and_distributions_of_returns_are_not(tmp_path):
     (tmp_path / "a").mkdir()
     run = _save(tmp_path / "a", _module(use_lstm=True, lstm_cell_size=8, max_seq_len=5))
     from safe_inspect.experiments.modules.sources import open_source
@@ -103,8 +103,7 @@ def test_recurrent_policies_fly_and_distributions_of_returns_are_not_exported(tm
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    with pytest.raises(CheckpointError, match="the policy is not a multilayer perceptron"):
-        export_policy(find_newest(run).newest.path, tmp_path / "a.onnx")
+    assert export_policy(find_newest(run).newest.path, tmp_path / "a.onnx").info.state == {"state_h": 8, "state_c": 8}
     (tmp_path / "b").mkdir()
     run = _save(tmp_path / "b", _module(num_atoms=5))
     assert safe_inspect.load_policy(run).predict(np.zeros(11, np.float32)).shape == (3,)

@@ -136,34 +136,35 @@ def test_a_policy_without_a_state_has_a_file_as_before(tmp_path):
 
 def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
     """The comparison sees a cell whose memory alone is wrong: the first step of an episode does not show it."""
-    from safe_inspect.experiments.export import onnx_graph
+    from safe_inspect.experiments.export import export
     from safe_inspect.experiments.export.export import export_policy
 
-    def spoilt(lstm):
-        found = weights(lstm)
-        found["recurrence"] = found["recurrence"] + np.float32(1e-3)
-        return found
+    def spoilt(net, info, title):
+        import torch
 
-    weights = onnx_graph.lstm_weights
-    monkeypatch.setattr(onnx_graph, "lstm_weights", spoilt)
+        with torch.no_grad():
+            net.module.encoder.actor_encoder.lstm.weight_hh_l0 += 1e-3
+        return build(net, info, title)
+
+    build = export.build_file
+    monkeypatch.setattr(export, "build_file", spoilt)
     checkpoint = single_run(tmp_path / "run", experiment_of(), use_lstm=True, lstm_cell_size=8)
     with pytest.raises(CheckpointError, match="the exported policy differs from the given one"):
         export_policy(checkpoint, tmp_path / "p.onnx")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
-def test_layers_of_a_kind_that_no_file_holds():
+def test_a_state_that_no_file_holds():
     import torch
 
-    from safe_inspect.experiments.export.onnx_graph import layers_of
+    from safe_inspect.experiments.export.onnx_graph import RllibNet
 
     module = make_module(experiment_of().spec.agents[0], use_lstm=True, lstm_cell_size=8)
-    layers_of(module, "here")
-    module.encoder.actor_encoder.lstm = torch.nn.LSTM(32, 8, num_layers=2, batch_first=True)
-    with pytest.raises(
-        CheckpointError, match="here: the policy has layers other than those of a multilayer perceptron"
-    ):
-        layers_of(module, "here")
+    assert RllibNet(module, "here").state == {"state_h": 8, "state_c": 8}
+    for start in ({"h": torch.zeros(2, 8), "c": torch.zeros(2, 8)}, {"h": torch.zeros(1, 8)}):
+        module.get_initial_state = lambda start=start: start
+        with pytest.raises(CheckpointError, match="here: the policy has another state than RLlib's LSTM of one layer"):
+            RllibNet(module, "here")
 
 
 def test_the_documented_step_carries_the_state(exported):

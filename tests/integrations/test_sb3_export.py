@@ -83,11 +83,6 @@ def test_the_file_is_evaluated_with_the_task_in_which_it_was_trained(tmp_path, c
         (lambda: _model("PPO", DOCKING), LEVELS, "the task in which it was trained"),
         (lambda: _model("PPO", DOCKING, use_sde=True), DOCKING, "use_sde"),
         (
-            lambda: _model("PPO", DOCKING, policy_kwargs={"activation_fn": torch.nn.Softplus}),
-            DOCKING,
-            "Softplus, which cannot be exported",
-        ),
-        (
             lambda: sb3.PPO("MlpPolicy", sb3.common.vec_env.VecNormalize(BatchedVecEnv(DOCKING, num_envs=2))),
             DOCKING,
             "VecNormalize",

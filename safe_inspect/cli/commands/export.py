@@ -8,6 +8,7 @@ from pathlib import Path
 
 from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.common import add_overrides
+from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
@@ -53,6 +54,7 @@ def run_export(arguments: argparse.Namespace) -> int:
                 f"{checkpoint}: the checkpoint has the policies {', '.join(names)}; name one with --policy"
             )
         policy = names[0]
+    print_error("exporting; takes some ten seconds")
     output = arguments.output or Path("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
     done = export_policy(checkpoint, output, policy, experiment)
     info, found = done.info, done.difference

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium.vector.utils import batch_space
+from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
@@ -26,11 +27,11 @@ from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, element_columns, seal
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.export.onnx_graph import build_file, layers_of, lstm_state, require_onnx
+from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
 from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.files.run_folder import RunFolder
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
-from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
+from safe_inspect.experiments.modules.saved_policy import SacPolicy
 from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 from safe_inspect.outputs import new_file
 from safe_inspect.random.action_draws import draw_in_rollout
@@ -74,7 +75,7 @@ def compare_readings(policy: OnnxPolicy, module: Any, *readings: AnyArray) -> Ex
         module: The module.
         *readings: Observations in SI units, each float32, shape (T, R, O) for T steps of R rows.
     """
-    net = partial(_outputs, module) if isinstance(module, torch.nn.Sequential) else TrainedPolicy(module).inputs
+    net = TrainedPolicy(module).inputs if isinstance(module, RLModule) else partial(_outputs, module)
     centre, width = (element_columns(policy.info.observation, name) for name in ("centre", "width"))
     found, wanted = [], []
     for seen in readings:
@@ -113,9 +114,10 @@ def _commanded(policy: OnnxPolicy, inputs: AnyArray, expected: AnyArray) -> Floa
     return values
 
 
-def _outputs(net: torch.nn.Sequential, observation: AnyArray) -> AnyArray:
+def _outputs(net: torch.nn.Module, observation: AnyArray) -> AnyArray:
     with torch.no_grad():
-        return np.asarray(net(torch.from_numpy(observation)).numpy())
+        found = net(torch.from_numpy(observation))
+    return np.asarray((found[0] if isinstance(found, tuple) else found).numpy())
 
 
 def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, seed: int = 0) -> AnyArray:
@@ -198,7 +200,7 @@ def export_policy(
     title = f"{checkpoint}, policy {folder.name}"
     agents = _agents(experiment, folder.name, title)
     loaded = trained_policy(checkpoint, folder.name)
-    net = layers_of(loaded.module, title)
+    net = RllibNet(loaded.module, title)
     if loaded.info is None:
         raise CheckpointError(
             f"{title}: the checkpoint does not describe the policy's observation and action, so it cannot be exported; "
@@ -211,14 +213,14 @@ def export_policy(
         distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
-        state=lstm_state(net),
+        state=net.state,
     )
-    module = net if isinstance(loaded.module, SacPolicy | DqnPolicy) else loaded.module
+    module = net if isinstance(loaded.module, SacPolicy) else loaded.module
     return write_policy(net, module, info, output, experiment.spec, agents[0], title)
 
 
 def write_policy(
-    net: torch.nn.Sequential,
+    net: torch.nn.Module,
     module: Any,
     info: PolicyInfo,
     output: str | os.PathLike[str],
@@ -226,11 +228,11 @@ def write_policy(
     agent: AgentSpec,
     title: str,
 ) -> Exported:
-    """Write layers as an ONNX file, after comparing the file with a module; see `export_policy`.
+    """Write a net as an ONNX file, after comparing the file with a module; see `export_policy`.
 
     Args:
-        net: The layers.
-        module: RLlib's module with these layers, or the layers themselves.
+        net: The net.
+        module: RLlib's module with this net, or the net itself.
         info: The description of the policy for the file.
         output: The file to write.
         spec: The task.
@@ -238,7 +240,7 @@ def write_policy(
         title: Name of the policy in messages.
 
     Raises:
-        CheckpointError: A layer cannot be exported, or the outputs of the file differ from those of the module.
+        CheckpointError: The net cannot be exported, or the outputs of the file differ from those of the module.
         OutputError: The file cannot be written.
     """
     path = Path(output).expanduser()
