@@ -83,17 +83,20 @@ class RllibNet(torch.nn.Module):
 
     def forward(self, observation: torch.Tensor, *state: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """Return the inputs of the distribution, shape (R, I), and the next state, two of shape (R, H)."""
-        if not state:
-            inputs = self.module.forward_inference({Columns.OBS: observation})[Columns.ACTION_DIST_INPUTS]
-            if self._mode_of is not None:
-                mode = torch.tanh(inputs[:, : self._mode_of])
-                inputs = torch.cat((mode, torch.full_like(mode, NO_SPREAD)), dim=1)
-            return (inputs,)
-        held = {name: part[:, None] for name, part in zip("hc", state, strict=True)}
-        before = {ACTOR: held, CRITIC: held} if self._separate else held
-        found = self.module.forward_inference({Columns.OBS: observation[:, None], Columns.STATE_IN: before})
-        after = found[Columns.STATE_OUT].get(ACTOR, found[Columns.STATE_OUT])
-        return found[Columns.ACTION_DIST_INPUTS][:, 0], after["h"][:, 0], after["c"][:, 0]
+        batch: dict[str, Any] = {Columns.OBS: observation}
+        if state:
+            held = {name: part[:, None] for name, part in zip("hc", state, strict=True)}
+            before = {ACTOR: held, CRITIC: held} if self._separate else held
+            batch = {Columns.OBS: observation[:, None], Columns.STATE_IN: before}
+        found = self.module.forward_inference(batch)
+        inputs = found[Columns.ACTION_DIST_INPUTS]
+        if state:
+            after = found[Columns.STATE_OUT].get(ACTOR, found[Columns.STATE_OUT])
+            inputs = inputs[:, 0]
+        if self._mode_of is not None:
+            mode = torch.tanh(inputs[:, : self._mode_of])
+            inputs = torch.cat((mode, torch.full_like(mode, NO_SPREAD)), dim=1)
+        return (inputs, *(after[name][:, 0] for name in "hc" if state))
 
 
 class _WholePolicy(torch.nn.Module):
