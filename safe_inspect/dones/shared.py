@@ -27,7 +27,7 @@ class SharedDoneFunction(Plugin):
     They are configured under ``dones: shared:`` of the environment's configuration.
     """
 
-    kind: ClassVar[str] = "shared_done"
+    kind: ClassVar[str] = "done"
 
     @abstractmethod
     def __call__(self, step: TeamStep) -> AnyArray:

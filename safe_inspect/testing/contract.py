@@ -40,7 +40,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     kind         result
     ===========  ================================================================================
     reward       float (R,)
-    done         bool (R,); the class has a `status`
+    done         bool (R,); the class has a `status`; for all agents, a `DoneStatus` or 0, int (N,)
     part         sensor: float (R, size) within its limits; controller: thrust [N] (R, 3)
     glue         names and bounds; an observation float (R, size) within them, or thrust [N] (R, 3)
     parameter    float (R,), or named states
@@ -49,7 +49,6 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     constraint   phi, h and rate float (R,), gradient float (R, 6), the derivative of h; a `half_space` agrees with phi
     component    a motion within its `disturbance_bounds`
     dynamics     a motion within its `disturbance_bounds` about the Clohessy-Wiltshire motion
-    shared_done  a `DoneStatus` or 0, int (N,)
     metric       float (R,), of a `TeamMetric` (N,), NaN where there is no value; it has `unit` and `reduce`
     policy       thrust [N] (R, 3)
     rta          a `TeamFiltered`, thrusts [N] (N, D, 3); the initial states that it rejects

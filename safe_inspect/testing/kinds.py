@@ -9,6 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
+from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.glues.base import ActionGlue, Bounds, Glue, ObservationGlue
 from safe_inspect.glues.normalizers import Normalizer
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
@@ -43,8 +44,11 @@ def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
         _check_row_kernel(plugin, step, report)
 
 
-def check_done(plugin: DoneFunction, parts: SampleParts, report: Report) -> None:
-    """Check a done function: it must return bool (R,) and have a status that ends an episode."""
+def check_done(plugin: DoneFunction | SharedDoneFunction, parts: SampleParts, report: Report) -> None:
+    """Check a done function: it must return bool (R,) and have a status that ends an episode; or one for all agents."""
+    if isinstance(plugin, SharedDoneFunction):
+        teams.check_shared_done(plugin, parts, report)
+        return
     status = getattr(plugin, "status", None)
     report.expect(
         status in (DoneStatus.WIN, DoneStatus.LOSE, DoneStatus.DRAW),
@@ -276,7 +280,6 @@ CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
     "policy": teams.check_policy,
     "reward": check_reward,
     "rta": teams.check_team_safety,
-    "shared_done": teams.check_shared_done,
     "simulator": simulation.check_simulator,
     **dict.fromkeys(RENDEZVOUS_KINDS, check_rendezvous),
 }

@@ -70,7 +70,7 @@ def test_registered_plugin_keeps_the_contract(kind: str, name: str) -> None:
 
 def test_every_kind_of_the_package_is_there() -> None:
     expected = {"constraint", "done", "glue", "initializer", "metric", "normalizer", "parameter", "part", "platform",
-                "policy", "reward", "shared_done", "simulator"}  # fmt: skip
+                "policy", "reward", "simulator"}  # fmt: skip
     assert expected <= set(registry.kinds())
 
 

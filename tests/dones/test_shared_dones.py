@@ -118,6 +118,6 @@ class TestSetAll:
 
 @pytest.mark.parametrize("name", ["CollisionDoneFunction", "MultiagentSuccessDoneFunction"])
 def test_the_names_of_safe_autonomy_sims(name: str) -> None:
-    made = build("shared_done", {"functor": f"safe_autonomy_sims.dones.common_dones.{name}"})
+    made = build("done", {"functor": f"safe_autonomy_sims.dones.common_dones.{name}"})
     assert type(made).__name__ == name
     assert isinstance(made, SharedDoneFunction)

@@ -234,7 +234,7 @@ def test_a_shared_done_function_and_a_metric_are_named():
     spec = load_spec(TEAM)
     environment = TeamEnvironment(replace(spec, shared_dones=(Named("mine", SpoilingShared()),)), 2, seed=1)
     environment.reset()
-    with pytest.raises(PluginValueError, match=r"the shared_done SpoilingShared writes .*step.status\[:\]"):
+    with pytest.raises(PluginValueError, match=r"the done SpoilingShared writes .*step.status\[:\]"):
         environment.step([np.zeros((2, 3, 3))])
     with pytest.raises(PluginValueError, match="the metric SpoilingMetric writes"):
         rollout(spec, {agent.policy: ZeroThrust() for agent in spec.agents}, 2, metrics=[SpoilingMetric()])

@@ -11,33 +11,46 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, InstanceOf, WithJsonSchema, model_validator
 
+from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dones.limits import MAX_HORIZON
+from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.platforms.base import Platform
 from safe_inspect.plugins.functor import SCHEMA_KIND, Named, build, functor_field
 from safe_inspect.plugins.plugin import Plugin, StrictNumbers
 from safe_inspect.plugins.registry import own_name, registry
+from safe_inspect.rewards.base import Reward
 from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.units import PositiveFrequency
 
 
-def _named_field(kind: str) -> Any:
+def _named_field(base: type[Plugin], otherwise: str = "") -> Any:
     """Return a field type for ``{name: ..., functor: ..., config: {...}}``: the plugin with its name.
 
     The default name is the registered name of the plugin.
+
+    Args:
+        base: Base class of the plugins.
+        otherwise: What to write for a plugin of the same kind with another base class.
     """
+    kind = base.kind
 
     def convert(value: Any) -> Named[Plugin]:
         if isinstance(value, Named):
             return value
         plugin = build(kind, value)
+        if not isinstance(plugin, base):
+            raise ValueError(f"{plugin.registered_name} {otherwise}")
         name = value.get("name") if isinstance(value, Mapping) else None
         return Named(str(name) if name else plugin.registered_name, plugin)
 
     return Annotated[
         InstanceOf[Named[Any]], BeforeValidator(convert), WithJsonSchema({"type": "object", SCHEMA_KIND: kind})
     ]
+
+
+_FOR_ALL = "is for all agents together; give it in `dones: {shared: [...]}` of the environment"
 
 
 def _one_of(*names: str) -> Any:
@@ -152,7 +165,7 @@ class ResetParameters(Model):
 class SharedDones(Model):
     """Done functions of all agents together."""
 
-    shared: tuple[_named_field("shared_done"), ...] = ()  # type: ignore[valid-type]
+    shared: tuple[_named_field(SharedDoneFunction, "is for one agent; give it in an agent's `dones`"), ...] = ()  # type: ignore[valid-type]
 
 
 class EnvironmentConfig(Model):
@@ -216,8 +229,8 @@ class AgentBody(Model):
     parts: tuple[functor_field("part"), ...]  # type: ignore[valid-type]
     simulator_reset_parameters: AgentReset
     glues: tuple[functor_field("glue"), ...]  # type: ignore[valid-type]
-    dones: tuple[_named_field("done"), ...] = ()  # type: ignore[valid-type]
-    rewards: tuple[_named_field("reward"), ...] = ()  # type: ignore[valid-type]
+    dones: tuple[_named_field(DoneFunction, _FOR_ALL), ...] = ()  # type: ignore[valid-type]
+    rewards: tuple[_named_field(Reward), ...] = ()  # type: ignore[valid-type]
     reference_store: dict[str, Any] = Field(default_factory=dict)
 
 
