@@ -187,6 +187,10 @@ class Dynamics(Plugin):
         return {}
 
 
+#: Arrays of dynamics with an attitude.
+TURNING_ARRAYS = {**Dynamics.arrays, "orientation": ArraySpec((4,)), "angular_velocity": ArraySpec((3,))}
+
+
 def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False) -> Kernel[..., None]:
     """Return the compiled loop that applies a vehicle's row kernel to environments, bodies and physics steps.
 

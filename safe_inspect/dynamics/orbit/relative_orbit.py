@@ -15,11 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from safe_inspect.compiling import Kernel
 from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits
 from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_J2, EARTH_RADIUS, semi_major_axis
-from safe_inspect.dynamics.orbit.relative_orbit_row import (
-    OrbitSteps,
-    orbit_row,
-    relative_orbit_row,
-)
+from safe_inspect.dynamics.orbit.relative_orbit_row import OrbitSteps, orbit_row, relative_orbit_row
 from safe_inspect.errors import InitialStateError
 from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import (
