@@ -78,13 +78,9 @@ class DisturbanceBounds(BaseModel):
 
     def __add__(self, other: DisturbanceBounds) -> DisturbanceBounds:
         """Return the bounds of two disturbances that act together; they may exceed the allowed range of the fields."""
-        return DisturbanceBounds.model_construct(
-            velocity=self.velocity + other.velocity,
-            position_error=self.position_error + other.position_error,
-            velocity_error=self.velocity_error + other.velocity_error,
-            thrust_gain=self.thrust_gain + other.thrust_gain + self.thrust_gain * other.thrust_gain,
-            thrust_direction=self.thrust_direction + other.thrust_direction,
-        )
+        fields: Any = {name: getattr(self, name) + getattr(other, name) for name in DisturbanceBounds.model_fields}
+        fields["thrust_gain"] += self.thrust_gain * other.thrust_gain
+        return DisturbanceBounds.model_construct(**fields)
 
 
 #: Bounds of a component that does not disturb the motion, the thrust or the estimates.
