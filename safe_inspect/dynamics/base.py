@@ -78,13 +78,9 @@ class DisturbanceBounds(BaseModel):
 
     def __add__(self, other: DisturbanceBounds) -> DisturbanceBounds:
         """Return the bounds of two disturbances that act together; they may exceed the allowed range of the fields."""
-        return DisturbanceBounds.model_construct(
-            velocity=self.velocity + other.velocity,
-            position_error=self.position_error + other.position_error,
-            velocity_error=self.velocity_error + other.velocity_error,
-            thrust_gain=self.thrust_gain + other.thrust_gain + self.thrust_gain * other.thrust_gain,
-            thrust_direction=self.thrust_direction + other.thrust_direction,
-        )
+        fields: Any = {name: getattr(self, name) + getattr(other, name) for name in DisturbanceBounds.model_fields}
+        fields["thrust_gain"] += self.thrust_gain * other.thrust_gain
+        return DisturbanceBounds.model_construct(**fields)
 
 
 #: Bounds of a component that does not disturb the motion, the thrust or the estimates.
@@ -185,6 +181,10 @@ class Dynamics(Plugin):
     def offers(self) -> Mapping[str, Any]:
         """Return the values that plugins can read by name from `World`, such as ``mean_motion``. Empty by default."""
         return {}
+
+
+#: Arrays of dynamics with an attitude.
+TURNING_ARRAYS = {**Dynamics.arrays, "orientation": ArraySpec((4,)), "angular_velocity": ArraySpec((3,))}
 
 
 def advance_kernel(dynamics: Dynamics, step_size: float, *, traced: bool = False) -> Kernel[..., None]:

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from safe_inspect.compiling import Kernel, njit
+from safe_inspect.dynamics.attitude.inertia import PrincipalMoments
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
-from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.base import TURNING_ARRAYS, Dynamics
 from safe_inspect.dynamics.cwh import cwh_row, transition
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import ArraySpec, FloatArray
-from safe_inspect.units import NonNegativeAngularRate, NonNegativeDuration, PositiveMomentOfInertia
+from safe_inspect.units import NonNegativeAngularRate, NonNegativeDuration
 
 
 class FreeFlight(NamedTuple):
@@ -102,20 +103,14 @@ class FreeFlyer(Dynamics):
 
     row: ClassVar[Kernel[..., float]] = free_flyer_row
     arrays: ClassVar[Mapping[str, ArraySpec]] = {
-        **Dynamics.arrays,
-        "orientation": ArraySpec((4,)),
-        "angular_velocity": ArraySpec((3,)),
+        **TURNING_ARRAYS,
         "wrench": ArraySpec((6,)),
         "orbit_angle": ArraySpec((1,)),
     }
     control_size: ClassVar[int] = 6
     control_unit: ClassVar[str] = "N and N m"
 
-    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia] = (
-        0.153427995,
-        0.14271405,
-        0.162302759,
-    )
+    inertia: PrincipalMoments = (0.153427995, 0.14271405, 0.162302759)
     lag: NonNegativeDuration = 0.0
     mean_motion: NonNegativeAngularRate = 0.0
     keeps_trace: bool = False

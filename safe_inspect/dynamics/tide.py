@@ -42,7 +42,9 @@ def largest_tide(mean_motion: float, distance: float) -> float:
 
 def to_hill(mean_motion: float, time: float, state: FloatArray) -> FloatArray:
     """Return states of W, positions [m] and velocities [m/s], in Hill's frame, shape (..., 6)."""
-    return np.asarray(state @ (_rates(mean_motion) @ hill_rotation(mean_motion, time)).T)
+    turning = np.eye(6)  # v_H = v - n e_z x p, after the rotation.
+    turning[3, 1], turning[4, 0] = mean_motion, -mean_motion
+    return np.asarray(state @ (turning @ hill_rotation(mean_motion, time)).T)
 
 
 def hill_rotation(mean_motion: float, time: float) -> FloatArray:
@@ -50,10 +52,3 @@ def hill_rotation(mean_motion: float, time: float) -> FloatArray:
     c, s = math.cos(mean_motion * time), math.sin(mean_motion * time)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.kron(np.eye(2), turn)
-
-
-def _rates(mean_motion: float) -> FloatArray:
-    """Return the map ``v_H = v - n e_z x p`` at time zero, shape (6, 6)."""
-    found = np.eye(6)
-    found[3, 1], found[4, 0] = mean_motion, -mean_motion
-    return found

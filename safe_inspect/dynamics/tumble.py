@@ -164,14 +164,15 @@ def _frames(inertia: FloatArray, angular_velocity: FloatArray, about3: BoolArray
     return np.stack((first, second, h), axis=-1)
 
 
-def _checked(inertia: FloatArray, rows: int) -> FloatArray:
-    inertia = np.broadcast_to(np.asarray(inertia, dtype=np.float64), (rows, 3))
+def _checked(inertia: FloatArray, angular_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
+    inertia = np.broadcast_to(np.asarray(inertia, dtype=np.float64), (len(angular_velocity), 3))
     j1, j2, j3 = inertia.T
     if not (np.isfinite(inertia).all() and (j1 > 0.0).all() and (j1 <= j2).all() and (j2 <= j3).all()):
         raise ValueError("tumble: the inertia must be positive and ordered, J1 <= J2 <= J3")
     if (j1 + j2 < j3 * (1.0 - 1e-12)).any():
         raise ValueError("tumble: the principal moments of a body cannot have J1 + J2 < J3")
-    return inertia
+    return inertia, angular_velocity
 
 
 def tumble(
@@ -191,8 +192,7 @@ def tumble(
     Raises:
         ValueError: The moments are not those of a rigid body, or are not in this order.
     """
-    angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
-    inertia = _checked(inertia, len(angular_velocity))
+    inertia, angular_velocity = _checked(inertia, angular_velocity)
     orientation, times = np.asarray(orientation, dtype=np.float64), np.asarray(times, dtype=np.float64)
     q = np.empty((len(angular_velocity), len(times), 4))
     w = np.empty((len(angular_velocity), len(times), 3))
@@ -233,8 +233,7 @@ def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
-    angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
-    rows = _polhode(_checked(inertia, len(angular_velocity)), angular_velocity)
+    rows = _polhode(*_checked(inertia, angular_velocity))
     a1, a2, a3 = rows.amplitudes.T
     with np.errstate(divide="ignore", invalid="ignore"):
         period = 4.0 * complete_first(np.where(rows.steady, 1.0, rows.m1)) / rows.rate
@@ -257,8 +256,8 @@ def largest_rate(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArra
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
-    angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
-    rows = _polhode(_checked(inertia, len(angular_velocity)), angular_velocity)
+    inertia, angular_velocity = _checked(inertia, angular_velocity)
+    rows = _polhode(inertia, angular_velocity)
     a1, a2, a3 = (rows.amplitudes**2).T
     moving = np.sqrt(np.maximum(a1 + a3, a2 + rows.m1 * np.where(rows.about3, a3, a1)))
     bound: FloatArray = np.where(rows.steady, np.sqrt((angular_velocity**2).sum(axis=1)), moving)

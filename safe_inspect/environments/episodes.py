@@ -39,8 +39,7 @@ def state_info(view: View, *, has_filter: bool = False) -> dict[str, AnyArray]:
 
 def current_infos(environment: TeamEnvironment) -> list[dict[str, AnyArray]]:
     """Return the info of the current state for each acting group, see `state_info`."""
-    safety = environment.spec.team_safety
-    filtered = safety is not None and safety.enabled
+    filtered = environment.safety_filter is not None
     return [state_info(environment.view(index), has_filter=filtered) for index in environment.acting_indices]
 
 
@@ -90,11 +89,9 @@ def team_info(environment: TeamEnvironment) -> dict[str, AnyArray]:
 
 def _of_components(environment: TeamEnvironment) -> dict[str, AnyArray]:
     """Return the infos of the components about whole environments, each of shape (N,)."""
-    info: dict[str, AnyArray] = {}
     team = environment.team()
-    for component in environment.simulation.components.values():
-        info |= component.team_info(team)
-    return info
+    infos = [component.team_info(team) for component in environment.simulation.components.values()]
+    return {name: array for info in infos for name, array in info.items()}
 
 
 def info_row(info: Mapping[str, AnyArray], index: int) -> dict[str, Any]:
@@ -144,10 +141,8 @@ class EpisodeAccumulator:
     def __init__(self, environment: TeamEnvironment) -> None:
         self._environment = environment
         shape = (environment.num_envs, sum(group.size for group in environment.groups))
-        safety = environment.spec.team_safety
-        self.filtered = any(group.safety_filter is not None for group in environment.groups) or bool(
-            safety and safety.enabled
-        )
+        filters = [environment.safety_filter, *(group.safety_filter for group in environment.groups)]
+        self.filtered = any(each is not None for each in filters)
         self.returns: FloatArray = np.zeros(shape)
         self.lengths: IntArray = np.zeros(shape, dtype=np.int64)
         self._terms: list[dict[str, FloatArray]] = [{} for _ in environment.groups]

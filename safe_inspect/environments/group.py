@@ -84,18 +84,11 @@ class AgentGroup:
             for named in agent.dones
             if type(named.functor).remember is not DoneFunction.remember
         }
-        self.group = Group(
-            self.name,
-            first,
-            len(specs),
-            agent.sensors,
-            self.safety_filter,
-            agent.scripted_policy,
-            self.remembering,
-            decides=action_layout(agent).coast is not None and not self.scripted,
-        )
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
+        decides = self.action_layout.coast is not None and not self.scripted
+        declaring = (agent.sensors, self.safety_filter, agent.scripted_policy, self.remembering)
+        self.group = Group(self.name, first, self.size, *declaring, decides)
         self.thrusters = Thrusters(agent, dynamics.control_size)
         corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
         self.limits = ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))

@@ -52,11 +52,10 @@ class Layout:
 
     def __str__(self) -> str:
         width = max(map(len, self.names), default=0)
-        rows = zip(self.names, self.low, self.high, strict=True)
-        counts = self.choices or (0,) * self.size
+        rows = zip(self.names, self.low, self.high, self.choices or (0,) * self.size, strict=True)
         return "\n".join(
             f"  {name:<{width}}  " + (f"one of {count}" if count else f"[{low:g}, {high:g}]")
-            for (name, low, high), count in zip(rows, counts, strict=True)
+            for name, low, high, count in rows
         )
 
 

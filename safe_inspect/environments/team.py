@@ -45,6 +45,7 @@ class TeamEnvironment:
         acting: Groups of controlled agents, whose actions the caller gives; the others are controlled by scripted
             policies.
         acting_indices: Their indices in `groups`.
+        safety_filter: The team's safety filter; None if there is none, or if it is disabled.
         observes_coasting: Whether transitions also contain the observations of agents whose decision has not elapsed.
             If not, these are NaN, except the last observations of an episode.
     """
@@ -59,7 +60,7 @@ class TeamEnvironment:
         self.groups: tuple[AgentGroup, ...] = group_agents(spec.agents, spec.simulator.compose()[0])
         self.acting: tuple[AgentGroup, ...] = tuple(group for group in self.groups if not group.scripted)
         self.acting_indices = [self.groups.index(group) for group in self.acting]
-        self._safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
+        self.safety_filter = spec.team_safety if spec.team_safety is not None and spec.team_safety.enabled else None
         self.simulation = Simulation(
             *spec.simulator(),
             decimation=spec.simulator.decimation,
@@ -70,7 +71,7 @@ class TeamEnvironment:
             num_envs=num_envs,
             seed=checked_seed(spec.seed if seed is None else seed),
             first_slot=first_slot,
-            team_filter=self._safety_filter,
+            team_filter=self.safety_filter,
         )
         for group, view in zip(self.groups, self.simulation.views, strict=True):
             group.require_needed(view)
@@ -193,7 +194,7 @@ class TeamEnvironment:
         active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.writable_control for step in steps])
         team = None
-        if self._safety_filter is not None:
+        if self.safety_filter is not None:
             team = self._filter_team(control, steps)
             control = team.control
         elif not everyone:
@@ -221,9 +222,9 @@ class TeamEnvironment:
 
     def _filter_team(self, desired: FloatArray, steps: list[Step]) -> TeamFiltered:
         """Apply the team's filter, and write its thrusts into the groups' steps."""
-        assert self._safety_filter is not None
-        team = self._safety_filter(read_only(desired), self.team())
-        what = f"safety filter {self._safety_filter.registered_name}"
+        assert self.safety_filter is not None
+        team = self.safety_filter(read_only(desired), self.team())
+        what = f"safety filter {self.safety_filter.registered_name}"
         require_shape(what, team.control, desired.shape)
         require_finite(what, team.control, self.state)
         for group, step in zip(self.groups, steps, strict=True):
@@ -283,7 +284,7 @@ class TeamEnvironment:
             self.observe_missing(transitions)  # a shared done may end a coast
         if ended:
             finished = simulation.state.finished
-            finished[...] = self._statuses(transitions)
+            finished[...] = np.concatenate([transition.status for transition in transitions], axis=1)
             over = np.asarray((finished[:, self._deciding] != 0).all(axis=1))
             simulation.end(over)
             outcome = self.outcome()
@@ -321,18 +322,11 @@ class TeamEnvironment:
                 found = group.observe(view).reshape(len(missing), -1) if found is None else found
                 transition.observation.reshape(found.shape)[missing] = found[missing]
 
-    @staticmethod
-    def _statuses(transitions: list[Transition]) -> AnyArray:
-        """Return the status of every agent, shape (N, D)."""
-        if len(transitions) == 1:
-            return transitions[0].status
-        return np.concatenate([transition.status for transition in transitions], axis=1)
-
     def _share(self, transitions: list[Transition], active: BoolArray, fired: dict[str, BoolArray]) -> bool:
         """Apply the shared done functions to all active agents; return whether any of them ends an episode."""
         world = self.simulation.world
         before, after = TeamView(self.simulation.before, world), TeamView(self.simulation.state, world)
-        own = self._statuses(transitions)
+        own = np.concatenate([transition.status for transition in transitions], axis=1)
         for array in fired.values():
             array.setflags(write=False)
         step = TeamStep(before, after, fired, read_only(own), world.step_size, self._has)

@@ -20,7 +20,6 @@ from safe_inspect.units import PositiveDuration, PositiveLength, PositiveSpeed
 
 _INTERVENTION = 0.01  # N
 _HALVINGS = 40
-_NAMES = ("speed_limit",)
 
 
 class SpeedLimitFilter:
@@ -125,7 +124,7 @@ class SpeedLimitFilter:
             backup=refused,
             active=refused.astype(np.int64),
             phi=self.phi(position, velocity)[:, None],
-            names=_NAMES,
+            names=("speed_limit",),
         )
 
     def _keeps(self, state: FloatArray, control: FloatArray) -> BoolArray:

@@ -11,10 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import InitialStateError, did_you_mean
-from safe_inspect.plugins.functor import build, functor_field
+from safe_inspect.plugins.functor import build, functor_field, misplaced
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.resets.initializers import Initializer
-from safe_inspect.simulators.resets.parameters import Draw, Parameter, Value, either
+from safe_inspect.simulators.resets.parameters import Draw, Parameter, either
+from safe_inspect.simulators.resets.plan import BodyReset
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: The statistics of a sampler are returned with its states, under this name followed by a slash.
@@ -48,31 +49,24 @@ class SafetyTest(BaseModel):
         Raises:
             PydanticCustomError: A value is missing, or the glue rejects one.
         """
-        problems: list[dict[str, Any]] = []
-        fields = dict(self.config)
-        for field, key in self.arg_map.items():
-            if key in self.args:
-                fields[field] = self.args[key]
-            else:
-                message = f"`args` has no {key!r}; {did_you_mean(key, self.args)}"
-                problems.append({"type": "functor_key", "loc": ("arg_map", field), "msg": message})
-        if not problems:
-            try:
-                glue = build("glue", {"functor": self.functor, "config": fields})
-            except PydanticCustomError as error:
-                problems += [self._relocate(problem) for problem in (error.context or {})["errors"]]
-            else:
-                if isinstance(glue, SafetyGlue):
-                    self._glue = glue
-                    missing = ", ".join(f"`{name}`" for name in glue.tests if name not in self.states)
-                    if missing:
-                        message = f"{glue.registered_name} also tests {missing}; add what is missing"
-                        problems.append({"type": "functor_key", "loc": ("states",), "msg": message})
-                else:
-                    message = f"{glue.registered_name} is not a safety glue; use one such as RTAGlueCWHInspection1v1"
-                    problems.append({"type": "functor_key", "loc": ("functor",), "msg": message})
-        if problems:
-            raise PydanticCustomError("functor", "the safety test is wrong", {"errors": problems})
+        unknown = [(field, key) for field, key in self.arg_map.items() if key not in self.args]
+        if unknown:
+            hints = [f"`args` has no {key!r}; {did_you_mean(key, self.args)}" for _, key in unknown]
+            raise misplaced((("arg_map", field), hint) for (field, _), hint in zip(unknown, hints, strict=True))
+        fields = self.config | {field: self.args[key] for field, key in self.arg_map.items()}
+        try:
+            glue = build("glue", {"functor": self.functor, "config": fields})
+        except PydanticCustomError as error:
+            problems = [self._relocate(problem) for problem in (error.context or {})["errors"]]
+            raise PydanticCustomError("functor", "the safety test is wrong", {"errors": problems}) from None
+        if not isinstance(glue, SafetyGlue):
+            message = f"{glue.registered_name} is not a safety glue; use one such as RTAGlueCWHInspection1v1"
+            raise misplaced([(("functor",), message)])
+        missing = ", ".join(f"`{name}`" for name in glue.tests if name not in self.states)
+        if missing:
+            message = f"{glue.registered_name} also tests {missing}; add what is missing"
+            raise misplaced([(("states",), message)])
+        self._glue = glue
 
     def _relocate(self, problem: dict[str, Any]) -> dict[str, Any]:
         loc = problem["loc"]
@@ -127,9 +121,9 @@ class RejectionSampler(Parameter):
         for index, name in enumerate(self.rta.states if self.rta is not None and given else ()):
             if name not in given:
                 message = f"{self.initializer.registered_name} gives no state {name!r}; {did_you_mean(name, given)}"
-                problems.append({"type": "functor_key", "loc": ("rta", "states", index), "msg": message})
+                problems.append((("rta", "states", index), message))
         if problems:
-            raise PydanticCustomError("functor", "the states are wrong", {"errors": problems})
+            raise misplaced(problems)
         return self
 
     def __call__(self, draw: Draw) -> dict[str, FloatArray]:
@@ -179,23 +173,10 @@ class RejectionSampler(Parameter):
             The states, each with R rows, and for each constraint the mask of the rows that it rejects, shape (R,).
         """
         rows = np.arange(len(draw.streams)) if rows is None else rows
-        states = self._draw(draw, rows, attempt)
+        drawn = BodyReset(self.initializer, self.wrapped)(draw.part(rows, attempt))
+        states = drawn | {name: array[rows] for name, array in draw.fixed.items() if name in drawn}
         refused = {} if self.rta is None else self.rta.refusals(states)
         return states, refused if draw.test is None else either(refused, draw.test(states, rows))
-
-    def _draw(self, draw: Draw, rows: IntArray, attempt: int) -> dict[str, FloatArray]:
-        streams = draw.streams[rows]
-        drawn = {name: _take(value, rows) for name, value in draw.values.items()}
-        values = {}
-        for name, parameter in {**self.initializer.defaults, **self.wrapped}.items():
-            child = Draw(streams, f"{draw.purpose}.{name}", attempt, drawn)
-            values[name] = parameter(child)
-        result: dict[str, FloatArray] = self.initializer(values)
-        return result | {name: array[rows] for name, array in draw.fixed.items() if name in result}
-
-
-def _take(value: Value, rows: Any) -> Value:
-    return {name: array[rows] for name, array in value.items()} if isinstance(value, dict) else value[rows]
 
 
 def check_parameters(initializer: Initializer, parameters: Mapping[str, Parameter], field: str) -> None:
@@ -205,18 +186,16 @@ def check_parameters(initializer: Initializer, parameters: Mapping[str, Paramete
         PydanticCustomError: It is not; every mistake is listed under `field`.
     """
     wanted = initializer.parameters
-    problems = []
+    problems: list[tuple[tuple[int | str, ...], str]] = []
     for name in parameters:
         if name not in wanted:
             message = f"{initializer.registered_name} takes no {name!r}; {did_you_mean(name, wanted)}"
-            problems.append({"type": "functor_key", "loc": (field, name), "msg": message})
+            problems.append(((field, name), message))
         elif wanted[name] is not None and parameters[name].symbol not in (None, wanted[name]):
             message = f"{name!r} is given in {parameters[name].symbol}, but is measured in {wanted[name]}"
-            problems.append({"type": "functor_key", "loc": (field, name, "config", "units"), "msg": message})
-    missing = [name for name in wanted if name not in parameters and name not in initializer.defaults]
+            problems.append(((field, name, "config", "units"), message))
+    missing = [f"`{name}`" for name in wanted if name not in parameters and name not in initializer.defaults]
     if missing:
-        names = ", ".join(f"`{name}`" for name in missing)
-        message = f"{initializer.registered_name} needs {names}"
-        problems.append({"type": "functor_key", "loc": (field,), "msg": message})
+        problems.append(((field,), f"{initializer.registered_name} needs {', '.join(missing)}"))
     if problems:
-        raise PydanticCustomError("functor", "the parameters are wrong", {"errors": problems})
+        raise misplaced(problems)

@@ -111,9 +111,7 @@ class Simulation:
             running = self.components[component.registered_name] = component(self.world, num_envs)
             offers.add(running)
         require_different(components)
-        self._actuating = [
-            running for running in self.components.values() if type(running).actuate is not RunningComponent.actuate
-        ]
+        self._actuating = [one for one in self.components.values() if type(one).actuate is not RunningComponent.actuate]
         physics_step = step_size / decimation
         self._of_body, self._shared = tuple(dynamics.arrays), tuple(dynamics.shared)
         self._reset_shared, self._figures = dynamics.reset_shared, dynamics.initial_figures
@@ -217,13 +215,9 @@ class Simulation:
         for component in self.components.values():
             component.reset(fresh, values)
         self._remember(fresh)
-        info = {
-            name: array
-            for value in values.values()
-            for name, array in (value.items() if isinstance(value, dict) else ())
-            if "/" in name  # statistics of the draw, not a state
-        }
-        return fresh, info
+        drawn = [value for value in values.values() if isinstance(value, dict)]
+        statistics = {name: array for named in drawn for name, array in named.items() if "/" in name}
+        return fresh, statistics
 
     def step(self, control: FloatArray) -> None:
         """Hold a control for one step.
@@ -247,14 +241,9 @@ class Simulation:
 
     def _bind(self, state: State) -> tuple[Any, tuple[Any, ...]]:
         """Return the arguments of the kernel that advances a state, before and after the control."""
-        found = state.bound["advance"] = (
-            (
-                *self._parameters,
-                *(state.arrays[name] for name in (*self._shared, *self._of_body)),
-                *self.trace.values(),
-            ),
-            (self.world.masses, *self._physics, state.delta_v, state.time, state.step),
-        )
+        arrays = [state.arrays[name] for name in (*self._shared, *self._of_body)]
+        counters = (self.world.masses, *self._physics, state.delta_v, state.time, state.step)
+        found = state.bound["advance"] = (*self._parameters, *arrays, *self.trace.values()), counters
         return found
 
     def end(self, ended: BoolArray) -> None:
@@ -336,12 +325,9 @@ class Simulation:
         for component in self.components.values():
             specs |= component.arrays
         for group in self._groups:
-            declared = {name: sensor.memory(world) for name, sensor in group.sensors.items()}
-            declared |= {name: done.memory(world) for name, done in group.dones.items()}
-            if group.safety_filter is not None:
-                declared[SAFETY_FILTER] = group.safety_filter.memory(world)
-            if group.scripted_policy is not None:
-                declared[SCRIPTED_POLICY] = group.scripted_policy.memory(world)
+            single = {SAFETY_FILTER: group.safety_filter, SCRIPTED_POLICY: group.scripted_policy}
+            parts: Mapping[str, DeclaresMemory | None] = {**group.sensors, **group.dones, **single}
+            declared = {name: part.memory(world) for name, part in parts.items() if part is not None}
             if group.decides:
                 declared[DECISION] = {REMAINING: ArraySpec((), np.int64)}
             for name, arrays in declared.items():

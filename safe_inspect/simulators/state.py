@@ -85,15 +85,11 @@ class State:
 
     def __init__(self, num_envs: int, specs: Mapping[str, ArraySpec], constants: State | None = None) -> None:
         block = np.zeros(sum(_padded(num_envs, spec) for spec in specs.values() if not spec.constant), dtype=np.uint8)
-        fixed = (
-            constants.constants
-            if constants is not None
-            else {
-                name: np.full((num_envs, *spec.shape), spec.fill, spec.dtype)
-                for name, spec in specs.items()
-                if spec.constant
-            }
-        )
+        if constants is None:
+            own = {name: spec for name, spec in specs.items() if spec.constant}
+            fixed = {name: np.full((num_envs, *spec.shape), spec.fill, spec.dtype) for name, spec in own.items()}
+        else:
+            fixed = constants.constants
         self._attach(num_envs, specs, block, fixed)
         for name, spec in specs.items():
             if not spec.constant:

@@ -250,11 +250,7 @@ def _same(this: AnyArray, that: Any) -> bool:
 
 
 def check_alone(
-    spec: EnvironmentSpec,
-    values: Callable[[Flown], Mapping[str, AnyArray]],
-    problem: str,
-    remedy: str,
-    report: Report,
+    spec: EnvironmentSpec, values: Callable[[Flown], Mapping[str, AnyArray]], problem: str, remedy: str, report: Report
 ) -> None:
     """Check that an environment gives the same values alone as in a batch.
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, RelativeState, joined_states
 from safe_inspect.rta.filters.base import probe_states, responds_to_thrust
 from safe_inspect.testing.calls import Call, SampleParts, Shape, check_call
 from safe_inspect.testing.report import Report
@@ -109,16 +109,12 @@ def _with_boundary(plugin: Constraint, state: RelativeState) -> RelativeState:
         )
         within = plugin.phi(middle) >= 0.0
         safe, unsafe = _chosen(within, middle, safe), _chosen(within, unsafe, middle)
-    return RelativeState(
-        *(np.concatenate([getattr(one, name) for one in (state, safe, unsafe)])
-          for name in ("position", "velocity", "sun_angle"))
-    )  # fmt: skip
+    return joined_states((state, safe, unsafe))
 
 
 def _chosen(first: BoolArray, one: RelativeState, other: RelativeState) -> RelativeState:
     """Return the rows of one where a mask, shape (R,), is true, and of another elsewhere."""
-    names = ("position", "velocity", "sun_angle")
-    pairs = ((getattr(one, name), getattr(other, name)) for name in names)
+    pairs = zip(vars(one).values(), vars(other).values(), strict=True)
     return RelativeState(*(np.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
 
 

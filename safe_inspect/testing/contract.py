@@ -216,11 +216,7 @@ def _check_values(plugin: Plugin, report: Report) -> None:
         )
     for name in fields:
         if _accepts(cls, {**fields, name: object()}):
-            report.add(
-                "strict",
-                f"the field `{name}` accepts any object",
-                "annotate it with its type",
-            )
+            report.add("strict", f"the field `{name}` accepts any object", "annotate it with its type")
 
 
 def _accepts(cls: type[Plugin], fields: dict[str, Any]) -> bool:

@@ -14,7 +14,7 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.dones.base import DoneFunction
 from safe_inspect.dynamics.attitude.clohessy_wiltshire_attitude import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
-from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.base import TURNING_ARRAYS, Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.registration import load_spec
@@ -93,11 +93,7 @@ class SampleVehicle(Dynamics):
     """
 
     row: ClassVar[Kernel[..., float]] = sample_vehicle_row
-    arrays: ClassVar[Mapping[str, ArraySpec]] = {
-        **Dynamics.arrays,
-        "orientation": ArraySpec((4,)),
-        "angular_velocity": ArraySpec((3,)),
-    }
+    arrays: ClassVar[Mapping[str, ArraySpec]] = TURNING_ARRAYS
 
     mean_motion: PositiveAngularRate = 0.001027
 
@@ -145,6 +141,7 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
         ]
         named |= {part.part_name: part for part in wheels}
         glues = (*glues, *(ControllerGlue(controller=part.part_name) for part in wheels))
+    agent = replace(agent, parts=named, glues=glues, dones=dones, scripted_policy=scripted)
     components = spec.simulator.compose()[1]
     if isinstance(plugin, SunlightSensor):
         components = [
@@ -155,19 +152,7 @@ def sample_spec(plugin: Plugin | None = None, *, parts: Sequence[Part] = (), dep
         spec,
         simulator=ComposedSimulator(dynamics=dynamics, components=(*components, TumblingTarget(), SpeedLimitMonitor())),
         platforms=dict.fromkeys(names, platform),
-        agents=tuple(
-            replace(
-                agent,
-                name=f"{name}_ctrl",
-                platform=name,
-                parts=named,
-                glues=glues,
-                dones=dones,
-                scripted_policy=scripted,
-                policy=f"{name}_ctrl",
-            )
-            for name in names
-        ),
+        agents=tuple(replace(agent, name=f"{name}_ctrl", platform=name, policy=f"{name}_ctrl") for name in names),
         reset=replace(spec.reset, deputies=dict.fromkeys(names, begin)),
         team_safety=plugin if isinstance(plugin, TeamSafety) else None,
     )

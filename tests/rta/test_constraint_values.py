@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from safe_inspect.rta.constraints import ConstraintParameters, RelativeState, constraint_set
-from safe_inspect.rta.constraints.parameters import braking_acceleration
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import AlongTrackSpeed, RadialSpeed, RelativeSpeedLimit
 from safe_inspect.rta.constraints.sun import SunKeepOut
@@ -23,7 +22,7 @@ def test_the_promised_deceleration_is_thrust_less_tide_less_coriolis():
     assert ConstraintParameters().max_acceleration == pytest.approx(0.078748, abs=1e-6)
     # the speed limit at the largest range, 0.2 + 2 n 100 = 0.4054 m/s, is below 1 m/s
     assert ConstraintParameters(r_max=100.0).max_acceleration == pytest.approx(
-        braking_acceleration(1.0, 12.0, 0.001027, 100.0, 0.4054), rel=1e-14
+        1.0 / 12.0 - 3.0 * 0.001027**2 * 100.0 - 2.0 * 0.001027 * 0.4054, rel=1e-14
     )
 
 

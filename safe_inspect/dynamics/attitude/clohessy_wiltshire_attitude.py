@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from safe_inspect.compiling import Kernel, njit
+from safe_inspect.dynamics.attitude.inertia import PrincipalMoments
 from safe_inspect.dynamics.attitude.rigid_body import (
     RotationState,
     Vector,
@@ -25,11 +26,11 @@ from safe_inspect.dynamics.attitude.rigid_body import (
     moved_vector,
     rotation_rates,
 )
-from safe_inspect.dynamics.base import Dynamics
+from safe_inspect.dynamics.base import TURNING_ARRAYS, Dynamics
 from safe_inspect.dynamics.cwh import cwh_row, row_state, transition
 from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.types import ArraySpec, FloatArray
-from safe_inspect.units import PositiveAngularAcceleration, PositiveAngularRate, PositiveMomentOfInertia
+from safe_inspect.units import PositiveAngularAcceleration, PositiveAngularRate
 
 #: Attitude and angular velocity, position and velocity.
 CoupledState = tuple[RotationState, Vector, Vector]
@@ -268,16 +269,12 @@ class ClohessyWiltshireAttitude(Dynamics):
     """
 
     row: ClassVar[Kernel[..., float]] = clohessy_wiltshire_attitude_row
-    arrays: ClassVar[Mapping[str, ArraySpec]] = {
-        **Dynamics.arrays,
-        "orientation": ArraySpec((4,)),
-        "angular_velocity": ArraySpec((3,)),
-    }
+    arrays: ClassVar[Mapping[str, ArraySpec]] = TURNING_ARRAYS
     control_size: ClassVar[int] = 6
     control_unit: ClassVar[str] = "N and N m"
 
     mean_motion: PositiveAngularRate = 0.001027
-    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia] = (0.0573, 0.0573, 0.0573)
+    inertia: PrincipalMoments = (0.0573, 0.0573, 0.0573)
     rate_limit: PositiveAngularRate | None = 0.034907
     acceleration_limit: PositiveAngularAcceleration | None = 0.017453
     body_frame_thrust: bool = True
@@ -291,16 +288,9 @@ class ClohessyWiltshireAttitude(Dynamics):
 
     def __call__(self, step_size: float) -> tuple[Any, ...]:
         """Return the body, the transition matrix, shape (6, 6), and the input matrix for 1 kg, shape (6, 3)."""
-        body = TurningBody(
-            self.mean_motion,
-            self.frame_rate,
-            self.inertia,
-            math.inf if self.rate_limit is None else self.rate_limit,
-            math.inf if self.acceleration_limit is None else self.acceleration_limit,
-            self.body_frame_thrust,
-            step_size,
-            self.substeps,
-        )
+        rate, acceleration = (x if x is not None else math.inf for x in (self.rate_limit, self.acceleration_limit))
+        motion = (self.mean_motion, self.frame_rate, self.inertia, rate, acceleration)
+        body = TurningBody(*motion, self.body_frame_thrust, step_size, self.substeps)
         return body, *transition(self.mean_motion, 1.0, step_size)
 
     def initial(self) -> Mapping[str, Sequence[float]]:

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.types import FloatArray
+from safe_inspect.units import PositiveMomentOfInertia
+
+#: Field type of the principal moments of inertia of a body.
+PrincipalMoments = tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia]
 
 #: Relative excess by which a principal moment may exceed the sum of the others, because data are rounded.
 _ROUNDING = 1e-9

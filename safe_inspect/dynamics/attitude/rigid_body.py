@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from safe_inspect.compiling import njit
+from safe_inspect.types import FloatArray
 
 #: Attitude q_WB [x, y, z, w] and angular velocity in B [rad/s].
 RotationState = tuple[float, float, float, float, float, float, float]
@@ -78,3 +79,23 @@ def rotation_row(inertia: Vector, x: RotationState, torque: Vector, dt: float) -
     )
     scale = 1.0 / math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2] + y[3] * y[3])
     return scale * y[0], scale * y[1], scale * y[2], scale * y[3], y[4], y[5], y[6]
+
+
+@njit(error_model="numpy")
+def rotate_freely(inertia: Vector, q: FloatArray, w: FloatArray, dt: float, steps: int) -> None:
+    """Advance an attitude, shape (4,), and an angular velocity in body axes, shape (3,), without torque.
+
+    Args:
+        inertia: Principal moments of inertia [kg m^2], or their ratios.
+        q: Attitude, overwritten.
+        w: Angular velocity [rad/s], overwritten.
+        dt: Length of a step of the integration [s].
+        steps: Number of these steps.
+    """
+    x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
+    for _ in range(steps):
+        x = rotation_row(inertia, x, (0.0, 0.0, 0.0), dt)
+    for k in range(4):
+        q[k] = x[k]
+    for k in range(3):
+        w[k] = x[4 + k]

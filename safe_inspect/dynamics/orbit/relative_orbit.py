@@ -15,11 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from safe_inspect.compiling import Kernel
 from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits
 from safe_inspect.dynamics.orbit.earth import EARTH_GRAVITY, EARTH_J2, EARTH_RADIUS, semi_major_axis
-from safe_inspect.dynamics.orbit.relative_orbit_row import (
-    OrbitSteps,
-    orbit_row,
-    relative_orbit_row,
-)
+from safe_inspect.dynamics.orbit.relative_orbit_row import OrbitSteps, orbit_row, relative_orbit_row
 from safe_inspect.errors import InitialStateError
 from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import (
@@ -66,6 +62,8 @@ class Drag(BaseModel):
 
 #: Array of the chief's orbit: r [m], r' [m/s], h [m^2/s], i, u and the node [rad], see `relative_orbit_row`.
 ORBIT = "chief_orbit"
+#: Reset parameters that are angles of up to a revolution.
+_TURNS = ("argument_of_perigee", "true_anomaly", "right_ascension")
 #: Largest angle by which the chief moves in an integration step at its perigee [rad].
 _LARGEST_TURN = 0.02
 #: Bound of the relative changes of r, h and the speed by the oblateness within an orbit, in units of J2 (R / r)^2. The
@@ -101,13 +99,7 @@ class RelativeOrbit(Dynamics):
     row: ClassVar[Kernel[..., float]] = relative_orbit_row
     shared: ClassVar[Mapping[str, ArraySpec]] = {ORBIT: ArraySpec((6,))}
     shared_row: ClassVar[Kernel[..., None] | None] = orbit_row
-    parameters: ClassVar[Mapping[str, str]] = {
-        "eccentricity": "",
-        "inclination": "rad",
-        "argument_of_perigee": "rad",
-        "true_anomaly": "rad",
-        "right_ascension": "rad",
-    }
+    parameters: ClassVar[Mapping[str, str]] = {"eccentricity": "", "inclination": "rad", **dict.fromkeys(_TURNS, "rad")}
 
     mean_motion: PositiveAngularRate = 0.001027
     eccentricity: float = Field(default=0.0, ge=0.0, lt=0.8)
@@ -157,7 +149,7 @@ class RelativeOrbit(Dynamics):
     def allowed(self) -> Mapping[str, tuple[float, float]]:
         """An eccentricity up to the field, and angles of at most a revolution."""
         turn = 2.0 * math.pi
-        angles = dict.fromkeys(("argument_of_perigee", "true_anomaly", "right_ascension"), (-turn, turn))
+        angles = dict.fromkeys(_TURNS, (-turn, turn))
         return {"eccentricity": (0.0, self.eccentricity), "inclination": (0.0, math.pi), **angles}
 
     def reset_shared(self, values: Mapping[str, Any], rows: int) -> Mapping[str, FloatArray]:

@@ -17,12 +17,7 @@ from safe_inspect.environments.facades.arguments import (
     checked_slot,
     fresh_seed,
 )
-from safe_inspect.environments.facades.rendering import (
-    RENDER_FPS,
-    RENDER_MODE,
-    Rendered,
-    new_rendering,
-)
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered, new_rendering
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import Observation

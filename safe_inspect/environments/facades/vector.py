@@ -80,11 +80,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self.num_envs = num_envs
         self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
         self.autoreset_mode = checked_autoreset(autoreset_mode)
-        self.metadata = {
-            "render_modes": [RENDER_MODE],
-            "render_fps": RENDER_FPS,
-            "autoreset_mode": self.autoreset_mode,
-        }
+        self.metadata = {"render_modes": [RENDER_MODE], "render_fps": RENDER_FPS, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = box(self.core.observation_layout)
         self.single_action_space = action_space(self.core.action_layout)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

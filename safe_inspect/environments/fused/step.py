@@ -85,7 +85,7 @@ class Program:
     def __init__(self, group: AgentGroup, world: World) -> None:
         self._group, self._world = group.group, world
         self._calls: list[TermCall] = [
-            TermCall(kernel.STATUS, 0, RowTerm(_copy, (OwnArray("finished"),)), (np.int8, 0)),
+            TermCall(kernel.STATUS, 0, RowTerm(_copy, (OwnArray("finished"),)), (np.int8, 0))
         ]
         self._columns: dict[str, slice] = {}
         self.glues: list[tuple[Any, slice]] = []
@@ -142,31 +142,33 @@ class Program:
                 wanted |= {self._columns[reading.key].start for reading in call.term.read}
         return observed
 
+    def _call(self, kind: int, target: int, plugin: Any) -> bool:
+        """Add the call of a plugin's row kernel, and of what it reads; return whether the plugin has one."""
+        term = plugin.row(self._world, self._group)
+        if term is not None:
+            self._read(term)
+            self._calls.append(TermCall(kind, target, term, plugin.row_result()))
+        return term is not None
+
     def _add(self, kind: int, plugins: list[Any]) -> list[int]:
         """Add rewards or dones; return the indices of those that are called in Python."""
-        foreign = []
-        for index, plugin in enumerate(plugins):
-            term = plugin.row(self._world, self._group)
-            if term is None:
-                foreign.append(index)
-            else:
-                self._read(term)
-                self._calls.append(TermCall(kind, index, term, plugin.row_result()))
-        return foreign
+        return [index for index, plugin in enumerate(plugins) if not self._call(kind, index, plugin)]
 
     def _observe(self, glue: Any, columns: slice) -> None:
         """Add a glue that fills these columns of the observation."""
         self.factors[:, columns] = np.concatenate((np.ones(1), *Affine()))[:, None]
         if type(glue) is ObserveSensor:
-            scale, _, low, high = glue.prepared(self._group.sensors[glue.sensor])
+            sensor = self._group.sensors[glue.sensor]
+            scale, _, low, high = glue.prepared(sensor)
             affine = glue.normalization.affine(low, high)
-            if affine is not None and self._call_sensor(glue.sensor, columns):
+            if affine is not None and self._call(kernel.READING, columns.start, sensor):
+                self._columns.setdefault(glue.sensor, columns)
                 for row, factor in enumerate((np.full(1, scale), *affine)):
                     self.factors[row, columns] = factor
                 return
         if isinstance(glue, DerivedGlue):
             affine = glue.normalization.affine(*glue.limits(self._group.sensors))  # type: ignore[arg-type]
-            if affine is not None and self._call_values(glue, columns):
+            if affine is not None and self._call(kernel.READING, columns.start, glue):
                 for row, factor in enumerate(affine, 1):
                     self.factors[row, columns] = factor
                 return
@@ -184,32 +186,11 @@ class Program:
             if isinstance(reading, GlueReading):
                 glue = reading.glue
                 is_plain = isinstance(glue, DerivedGlue) and glue.normalization.active is None
-                if not (is_plain and self._call_values(glue, columns)):
+                if not (is_plain and self._call(kernel.READING, columns.start, glue)):
                     self.glues.append((glue, columns))
-                self._columns[reading.key] = columns
-            elif not self._call_sensor(reading.sensor, columns):
-                self._columns[reading.key] = columns
+            elif not self._call(kernel.READING, columns.start, self._group.sensors[reading.sensor]):
                 self.sensors.append((reading.sensor, columns))
-
-    def _call_values(self, glue: DerivedGlue, columns: slice) -> bool:
-        """Add the call of the row kernel of a glue's values; return whether there is one."""
-        term = glue.row(self._world, self._group)
-        if term is None:
-            return False
-        self._read(term)
-        self._calls.append(TermCall(kernel.READING, columns.start, term, glue.row_result()))
-        return True
-
-    def _call_sensor(self, name: str, columns: slice) -> bool:
-        """Add the call of a sensor; return whether it is defined by a row kernel."""
-        sensor: Any = self._group.sensors[name]
-        term = sensor.row(self._world, self._group)
-        if term is None:
-            return False
-        self._read(term)
-        self._columns.setdefault(name, columns)
-        self._calls.append(TermCall(kernel.READING, columns.start, term, sensor.row_result()))
-        return True
+            self._columns[reading.key] = columns
 
     def _take_columns(self, size: int) -> slice:
         self.width += size

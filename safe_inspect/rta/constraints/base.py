@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -55,6 +55,11 @@ class RelativeState:
     def __getitem__(self, rows: Any) -> RelativeState:
         """Return the selected rows (a mask, a slice or an array of indices)."""
         return RelativeState(self.position[rows], self.velocity[rows], self.sun_angle[rows])
+
+
+def joined_states(states: Iterable[RelativeState]) -> RelativeState:
+    """Return the rows of several states, one after the other."""
+    return RelativeState(*map(np.concatenate, zip(*(vars(state).values() for state in states), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,24 +22,6 @@ from safe_inspect.units import (
 )
 
 
-def braking_acceleration(
-    u_max: float, mass: float, mean_motion: float, r_max: float, top_speed: float
-) -> float:  # fmt: skip
-    """Return the deceleration that the thrusters guarantee in any direction [m/s^2].
-
-    It is the acceleration of the thrust minus the largest tidal and Coriolis accelerations:
-    u_max / m - 3 n^2 r_max - 2 n v.
-
-    Args:
-        u_max: Largest thrust of each axis [N].
-        mass: Mass of the deputy [kg].
-        mean_motion: Mean motion n [rad/s].
-        r_max: Largest range [m].
-        top_speed: Largest speed v [m/s].
-    """
-    return u_max / mass - 3.0 * mean_motion**2 * r_max - 2.0 * mean_motion * top_speed
-
-
 class TaskParameters(BaseModel):
     """Parameters of a task that constraints and safety filters need; all quantities accept units.
 
@@ -163,9 +145,13 @@ class ConstraintParameters(TaskParameters):
 
     @property
     def net_acceleration(self) -> float:
-        """Acceleration that the tide leaves: `braking_acceleration` at the largest allowed speed [m/s^2]."""
+        """Deceleration that the thrusters guarantee in any direction, up to the largest allowed speed v [m/s^2].
+
+        It is the acceleration of the thrust minus the largest tidal and Coriolis accelerations:
+        u_max / m - 3 n^2 r_max - 2 n v.
+        """
         top_speed = min(self.vel_limit, self.v0 + self.v1 * self.r_max)
-        return braking_acceleration(self.u_max, self.m, self.n, self.r_max, top_speed)
+        return float(self.u_max / self.m - 3.0 * self.n**2 * self.r_max - 2.0 * self.n * top_speed)
 
     @property
     def max_acceleration(self) -> float:

@@ -84,9 +84,7 @@ class ContinuousFilter(SafetyFilter):
         value = np.zeros(bounds.shape)
         for axis in range(3):
             value += rows[..., axis] * clipped[:, None, axis]
-        active: IntArray = np.zeros(len(state), np.int64)
-        for j in range(len(self.names)):
-            active |= (value[:, j] < bounds[:, j] - 1e-9).astype(np.int64) << j
+        active: IntArray = ((value < bounds - 1e-9) << np.arange(len(self.names))).sum(axis=1)
         return FilterResult(
             control=control,
             intervening=differs(control, desired),

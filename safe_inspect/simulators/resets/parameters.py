@@ -46,6 +46,14 @@ class Draw:
         """Return the draw of a part of this draw."""
         return replace(self, purpose=f"{self.purpose}.{name}" if self.purpose else name)
 
+    def part(self, rows: IntArray, index: int) -> Draw:
+        """Return an attempt to draw values for some of the rows only, without fixed states and without a test."""
+        values = {
+            name: {key: array[rows] for key, array in value.items()} if isinstance(value, dict) else value[rows]
+            for name, value in self.values.items()
+        }
+        return Draw(self.streams[rows], self.purpose, index, values)
+
 
 def either(one: Mapping[str, BoolArray], other: Mapping[str, BoolArray]) -> dict[str, BoolArray]:
     """Return, by reason, the mask of the rows that one test or the other rejects."""
@@ -222,11 +230,7 @@ class SimAttributeAccessor(Parameter):
         for part in self.attribute_name.split("."):
             if not isinstance(value, Mapping) or part not in value:
                 known = value if isinstance(value, Mapping) else ()
-                raise ConfigError(
-                    Problem(
-                        f"`{self.attribute_name}` is not a reset parameter; {did_you_mean(part, map(str, known))}",
-                        path=draw.purpose,
-                    )
-                )
+                text = f"`{self.attribute_name}` is not a reset parameter; {did_you_mean(part, map(str, known))}"
+                raise ConfigError(Problem(text, path=draw.purpose))
             value = value[part]
         return value  # type: ignore[no-any-return]

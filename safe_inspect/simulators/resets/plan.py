@@ -113,12 +113,7 @@ class ResetPlan:
         return bodies, values | drawn
 
     def _redrawn(
-        self,
-        streams: Streams,
-        values: dict[str, Value],
-        body: BodyReset,
-        index: int,
-        placed: Mapping[str, FloatArray],
+        self, streams: Streams, values: dict[str, Value], body: BodyReset, index: int, placed: Mapping[str, FloatArray]
     ) -> dict[str, Value]:
         """Return the reset parameters for a further deputy, with new draws of those whose value is a body's state."""
         own = dict(values)
@@ -153,12 +148,7 @@ class ResetPlan:
                 return states
             if attempt == _MAX_DRAWS or not body.draws:
                 break
-            values = {
-                name: {key: array[rows] for key, array in value.items()} if isinstance(value, dict) else value[rows]
-                for name, value in draw.values.items()
-            }
-            again = body(replace(draw, streams=draw.streams[rows], index=attempt, values=values))
-            for name, array in again.items():
+            for name, array in body(draw.part(rows, attempt)).items():
                 states[name][rows] = array
         names = list(self.deputies)
         raise InitialStateError(

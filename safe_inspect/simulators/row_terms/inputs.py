@@ -229,18 +229,9 @@ class AgentParameter:
         return _absolute(np.ascontiguousarray(self.values[None]))
 
 
-RowInput = (
-    OwnArray
-    | BodyArray
-    | EnvironmentArray
-    | SensorMemory
-    | SensorReading
-    | GlueReading
-    | Intervening
-    | AgentParameter
-    | AnyArray
-    | float
-)  # fmt: skip
+StateInput = OwnArray | BodyArray | EnvironmentArray | SensorMemory
+Reading = SensorReading | GlueReading
+RowInput = StateInput | Reading | Intervening | AgentParameter | AnyArray | float
 
 
 def place_of(given: RowInput, scene: Scene) -> InputPlace:

@@ -20,15 +20,7 @@ import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.errors import MissingNameError, PluginValueError
-from safe_inspect.simulators.row_terms.inputs import (
-    GlueReading,
-    InputPlace,
-    MemoryBase,
-    RowInput,
-    Scene,
-    SensorReading,
-    place_of,
-)
+from safe_inspect.simulators.row_terms.inputs import InputPlace, MemoryBase, Reading, RowInput, Scene, place_of
 from safe_inspect.types import AnyArray
 
 _SIGNATURE = "int64(int64, int64, int64, int64, int64)"
@@ -49,11 +41,9 @@ class RowTerm:
     inputs: Sequence[RowInput]
 
     @property
-    def read(self) -> tuple[SensorReading | GlueReading, ...]:
+    def read(self) -> tuple[Reading, ...]:
         """The readings of sensors and glues among the inputs, each once."""
-        return tuple(
-            {given.key: given for given in self.inputs if isinstance(given, SensorReading | GlueReading)}.values()
-        )
+        return tuple({given.key: given for given in self.inputs if isinstance(given, Reading)}.values())
 
 
 @dataclass(frozen=True, eq=False)

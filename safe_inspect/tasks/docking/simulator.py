@@ -13,7 +13,7 @@ from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.geometry.distance import distance
 from safe_inspect.simulators.component import Component, PassiveComponent, RunningComponent
 from safe_inspect.simulators.offers import OwnOfView
-from safe_inspect.simulators.resets.initializers import Initializer, polar
+from safe_inspect.simulators.resets.initializers import Initializer, polar_states
 from safe_inspect.simulators.simulator import Simulator
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import View
@@ -136,7 +136,4 @@ class Docking3DRadialInitializer(SpeedLimit, Initializer):
         beyond = np.maximum(values["radius"] - self.threshold_distance, 0.0)
         limit = self.velocity_threshold + self.slope * self.mean_motion * beyond
         speed = values["vel_max_ratio"] * limit
-        return {
-            "position": polar(values["radius"], values["azimuth_angle"], values["elevation_angle"]),
-            "velocity": polar(speed, values["vel_azimuth_angle"], values["vel_elevation_angle"]),
-        }
+        return polar_states({**values, "vel_mag": speed})

@@ -25,7 +25,7 @@ from safe_inspect.geometry.visibility import (
 )
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
-from safe_inspect.simulators.resets.initializers import require_length
+from safe_inspect.simulators.resets.initializers import polar, require_length
 from safe_inspect.tasks.inspection.points_view import NewPoints, PointsModel, PointsOf
 from safe_inspect.tasks.inspection.rotation import array_in_axes_of
 from safe_inspect.tasks.inspection.sun import IlluminationParams
@@ -208,16 +208,10 @@ class InspectionPoints(CameraAndPoints, PassiveComponent):
         if "sun_direction" not in world.offers.view:
             raise ValueError("InspectionPoints must come after Sun; put Sun before it in `components`")
         light = self.illumination_params
-        models = {
-            name: PointsModel(
-                name,
-                world.bodies[name],
-                points.positions,
-                points.radius,
-                -math.inf if light is None else terminator_height(points.radius, light.ray_offset),
-            )
-            for name, points in self.inspection_points_map.items()
-        }
+        models = {}
+        for name, sphere in self.inspection_points_map.items():
+            terminator = -math.inf if light is None else terminator_height(sphere.radius, light.ray_offset)
+            models[name] = PointsModel(name, world.bodies[name], sphere.positions, sphere.radius, terminator)
         camera = None
         if self.sensor_fov is not None:
             size = math.hypot(*self.initial_sensor_unit_vec)
@@ -327,9 +321,7 @@ class _RunningPoints(RunningComponent):
         # Usually all rows are equal, and one row is enough.
         if (azimuth == azimuth[:1]).all() and (elevation == elevation[:1]).all():
             azimuth, elevation = azimuth[:1], elevation[:1]
-        priority = np.stack(
-            (np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)), axis=-1
-        )
+        priority = polar(np.ones_like(azimuth), azimuth, elevation)
         state[PRIORITY][...] = priority
         for model in self._models.values():
             normals = model.points / model.radius

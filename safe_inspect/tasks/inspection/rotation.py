@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.dynamics.attitude.rigid_body import rotation_row
+from safe_inspect.dynamics.attitude.inertia import PrincipalMoments, principal_axes
+from safe_inspect.dynamics.attitude.rigid_body import rotate_freely
 from safe_inspect.dynamics.rotation_row import Components, product, rotated, rotated_back
 from safe_inspect.errors import ArgumentError
 from safe_inspect.geometry.clusters import direction_to_nearest
@@ -21,13 +21,12 @@ from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, 
 from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.tasks.inspection.sun import LIGHT
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
-from safe_inspect.units import AngularRate, NonNegativeAngularRate, PositiveMomentOfInertia
+from safe_inspect.units import AngularRate, NonNegativeAngularRate
 
 #: Number of the first sample; other components use those below 8,000.
 _FIRST_DRAW = 8_000
 #: Largest angle of an integration step [rad].
 _LARGEST_TURN = 0.05
-_STILL = (0.0, 0.0, 0.0)
 
 
 class FreeRotation(BaseModel):
@@ -44,7 +43,7 @@ class FreeRotation(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    inertia: tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia]
+    inertia: PrincipalMoments
     rate: tuple[NonNegativeAngularRate, NonNegativeAngularRate] = (0.0, 0.0349)  # type: ignore[valid-type]
 
     @model_validator(mode="after")
@@ -89,17 +88,10 @@ def draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin: 
 
 
 @njit
-def rotate_freely(steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def rotate_bodies(steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Advance attitudes, shape (N, 4), and angular velocities, shape (N, 3), by a step."""
     for n in range(inertial.shape[0]):
-        q, w = inertial[n], spin[n]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(steps.substeps):
-            x = rotation_row(steps.inertia, x, _STILL, steps.step)
-        for k in range(4):
-            q[k] = x[k]
-        for k in range(3):
-            w[k] = x[4 + k]
+        rotate_freely(steps.inertia, inertial[n], spin[n], steps.step, steps.substeps)
 
 
 @njit
@@ -333,7 +325,7 @@ class _FreelyRotating(_Rotating):
         self._follow(state)
 
     def step(self, state: State, running: BoolArray) -> None:
-        rotate_freely(self._steps, state[_INERTIAL], state[_SPIN])
+        rotate_bodies(self._steps, state[_INERTIAL], state[_SPIN])
         self._follow(state)
 
     def _follow(self, state: State) -> None:

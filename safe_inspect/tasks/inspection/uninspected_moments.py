@@ -23,11 +23,7 @@ def _within_unit(value: float) -> float:
 
 @njit
 def uninspected_moments(
-    size: int,
-    sun: FloatArray,
-    surface: Surface,
-    inspector: NDArray[np.int8],
-    moments: FloatArray,
+    size: int, sun: FloatArray, surface: Surface, inspector: NDArray[np.int8], moments: FloatArray
 ) -> None:
     """Write the moments of the points that no deputy has inspected, lit and dark, for each deputy of a group.
 

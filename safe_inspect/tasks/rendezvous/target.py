@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.inertia import principal_axes
-from safe_inspect.dynamics.attitude.rigid_body import rotation_row
+from safe_inspect.dynamics.attitude.rigid_body import rotate_freely
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.oriented_boxes import BoxArrays, box_distance
@@ -76,13 +76,7 @@ def follow_target(body: TargetBody, dt: float, steps: int, arrays: TargetArrays,
     j, m = (body.inertia[0], body.inertia[1], body.inertia[2]), body.mating_point
     for n in range(arrays.orientation.shape[0]):
         q, w = arrays.orientation[n], arrays.angular_velocity[n]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(steps):
-            x = rotation_row(j, x, (0.0, 0.0, 0.0), dt)
-        for i in range(4):
-            q[i] = x[i]
-        for i in range(3):
-            w[i] = x[4 + i]
+        rotate_freely(j, q, w, dt, steps)
         position = rotated(q, m[0], m[1], m[2])
         velocity = rotated(q, w[1] * m[2] - w[2] * m[1], w[2] * m[0] - w[0] * m[2], w[0] * m[1] - w[1] * m[0])
         for i in range(3):

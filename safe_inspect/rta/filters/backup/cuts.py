@@ -247,6 +247,22 @@ def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Works
 
 
 @njit(**BORROWING)
+def _after_plan(m: FilterModel, after: RowState, plan: int, w: FloatArray) -> tuple[RowState, float]:
+    """Write the thrust of a plan from a state; return the state after its hold, and the slack of the thrusters."""
+    plan_thrust(m, after, plan, w)
+    return held(m, after, w, HOLD_PIECES), _excess(m, w)
+
+
+@njit(**BORROWING)
+def _stepped_end(m: FilterModel, x: RowState, u: FloatArray, axis: int) -> RowState:
+    """Return the state after the hold of a control that is stepped along an axis."""
+    u[axis] += _STEP
+    end = held(m, x, u, HOLD_PIECES)
+    u[axis] -= _STEP
+    return end
+
+
+@njit(**BORROWING)
 def cut_recovery(
     m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, margin: float, s: Workspace, count: int
 ) -> tuple[int, int]:  # fmt: skip
@@ -261,26 +277,13 @@ def cut_recovery(
     start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
     after = held(m, x, u, HOLD_PIECES)
     plan, which = _best_plan(m, after, start, w)
-    plan_thrust(m, after, plan, w)
-    b, over = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    b, over = _after_plan(m, after, plan, w)
     tube = widened(m, _NO_MARGINS, CLOSED, effort, size_of(w))
     spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
     # The same after a small step of the control along each axis.
-    u[0] += _STEP
-    after = held(m, x, u, HOLD_PIECES)
-    u[0] -= _STEP
-    plan_thrust(m, after, plan, w)
-    b0, over0 = held(m, after, w, HOLD_PIECES), _excess(m, w)
-    u[1] += _STEP
-    after = held(m, x, u, HOLD_PIECES)
-    u[1] -= _STEP
-    plan_thrust(m, after, plan, w)
-    b1, over1 = held(m, after, w, HOLD_PIECES), _excess(m, w)
-    u[2] += _STEP
-    after = held(m, x, u, HOLD_PIECES)
-    u[2] -= _STEP
-    plan_thrust(m, after, plan, w)
-    b2, over2 = held(m, after, w, HOLD_PIECES), _excess(m, w)
+    b0, over0 = _after_plan(m, _stepped_end(m, x, u, as_int(0)), plan, w)
+    b1, over1 = _after_plan(m, _stepped_end(m, x, u, as_int(1)), plan, w)
+    b2, over2 = _after_plan(m, _stepped_end(m, x, u, as_int(2)), plan, w)
     if over < spare:
         count = _add_linear((over, over0, over1, over2), spare, u, s, count)
     for code in range(FURTHER + m.further):

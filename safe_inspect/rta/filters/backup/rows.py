@@ -59,11 +59,6 @@ def _ask(m: FilterModel, need: float, b: RowState, u: FloatArray, s: Workspace, 
 
 
 @njit(**BORROWING)
-def _bounds_speeds(d: FloatArray) -> bool:
-    return bool(d[3] != 0.0 or d[4] != 0.0 or d[5] != 0.0)
-
-
-@njit(**BORROWING)
 def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, s: Workspace) -> int:
     """Write the least-violating return control, the smallest if there are several; return the bits of its constraints.
 
@@ -85,7 +80,7 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
             if not m.active >> code & 1:
                 continue
             need = support(m, code, end, _SPARE, s.d)
-            if _DISTANCES >> code & 1 or (code >= FURTHER and not _bounds_speeds(s.d)):
+            if _DISTANCES >> code & 1 or (code >= FURTHER and s.d[3] == s.d[4] == s.d[5] == 0.0):
                 gap = further_slack(m, code, x) if code >= FURTHER else gap_of(m.constraints, code, now)
                 asked = False
                 if gap < INSIDE:

@@ -51,8 +51,11 @@ _GAIN = 0.05
 
 @njit(**BORROWING)
 def squared(a: FloatArray, b: FloatArray) -> float:
-    """Return the squared distance between two thrusts [N^2]."""
-    return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+    """Return the squared distance between two thrusts, or between those of several deputies [N^2]."""
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += (a[k] - b[k]) ** 2
+    return total
 
 
 @njit(**BORROWING)

@@ -16,15 +16,7 @@ from safe_inspect.rta.constraints.rows import Margins, SunAngle, lowest
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.filters.backup.closed_motion import closed_motion
 from safe_inspect.rta.filters.backup.holds import held, hold, turned
-from safe_inspect.rta.filters.backup.model import (
-    CLOSED,
-    FINE_NODES,
-    HOLD,
-    HOLD_PIECES,
-    PLAN,
-    PLANS,
-    FilterModel,
-)
+from safe_inspect.rta.filters.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
 from safe_inspect.rta.filters.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, size_of, still, try_plan
 from safe_inspect.rta.filters.backup.sequences import SAFE
 from safe_inspect.rta.filters.backup.tracking import widened
@@ -113,13 +105,19 @@ def minus(a: RowState, b: RowState) -> RowState:
 
 
 @njit(**BORROWING)
+def _write_end(m: FilterModel, x: FloatArray, i: int, u: FloatArray, after: FloatArray) -> None:
+    """Write the state of a deputy after a hold of the thrust u, shape (6,)."""
+    end = held(m, state_of(x, i), u, HOLD_PIECES)
+    for k in range(6):
+        after[k] = end[k]
+
+
+@njit(**BORROWING)
 def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
     """Write the states after a joint control, shape (D, 6)."""
     for i in range(x.shape[0]):
         copy(control[3 * i : 3 * i + 3], t.u)
-        end = held(m, state_of(x, i), t.u, HOLD_PIECES)
-        for k in range(6):
-            after[i, k] = end[k]
+        _write_end(m, x, i, t.u, after[i])
 
 
 @njit(**BORROWING)
@@ -134,9 +132,7 @@ def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> N
             t.plan[i], t.known[i, 0] = 0, _GOOD
             for axis in range(3):
                 t.thrust[i, 0, axis] = t.desired[3 * i + axis] if now else 0.0
-            end = held(m, state_of(x, i), t.thrust[i, 0], HOLD_PIECES)
-            for k in range(6):
-                t.end[i, 0, k] = end[k]
+            _write_end(m, x, i, t.thrust[i, 0], t.end[i, 0])
 
 
 @njit(**BORROWING)
@@ -149,9 +145,7 @@ def alone_safe(
         t.known[i, plan] = _BAD
         if try_plan(m, state_of(x, i), sun, plan, margins, t.effort[i], u, s):
             t.known[i, plan] = _GOOD
-            end = held(m, state_of(x, i), u, HOLD_PIECES)
-            for k in range(6):
-                t.end[i, plan, k] = end[k]
+            _write_end(m, x, i, u, t.end[i, plan])
     return bool(t.known[i, plan] == _GOOD)
 
 

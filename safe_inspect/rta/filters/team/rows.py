@@ -13,18 +13,11 @@ from safe_inspect.rta.constraints.sets import COLLISION, PSM
 from safe_inspect.rta.filters.backup.model import PLANS
 from safe_inspect.rta.filters.backup.plans import NO_PLAN, QUICK, STAY
 from safe_inspect.rta.filters.backup.rows import BACKUP, DESIRED, NEAREST, RETURN, return_control
-from safe_inspect.rta.filters.backup.search import MARGINS
+from safe_inspect.rta.filters.backup.search import MARGINS, squared
 from safe_inspect.rta.filters.backup.tracking import remembers, tracking
 from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, copy, workspace
 from safe_inspect.rta.filters.team.cuts import cut_ends, cut_holds, cut_plans
-from safe_inspect.rta.filters.team.plans import (
-    FOUND,
-    PASSED,
-    UNSAFE_HOLD,
-    farthest_plans,
-    joint_plan,
-    tested,
-)
+from safe_inspect.rta.filters.team.plans import FOUND, PASSED, UNSAFE_HOLD, farthest_plans, joint_plan, tested
 from safe_inspect.rta.filters.team.tracking import begin_plans, enter, remember_plans, state_of, tracked_backup
 from safe_inspect.rta.filters.team.workspace import TeamModel, TeamWorkspace, team_workspace
 from safe_inspect.rta.numerics.active_set import nearest_joint
@@ -49,14 +42,6 @@ _HALVINGS = 5
 _FEW = 6
 #: Distance of a control from the best one at which that search ends [N].
 _FINE = 2e-3
-
-
-@njit(**BORROWING)
-def _squared(a: FloatArray, b: FloatArray) -> float:
-    total = 0.0
-    for k in range(a.shape[0]):
-        total += (a[k] - b[k]) ** 2
-    return total
 
 
 @njit(**BORROWING)
@@ -85,7 +70,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
         for _ in range(_POLISH):
             if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.qp):
                 return False
-            moved = math.sqrt(_squared(t.trial, t.control))
+            moved = math.sqrt(squared(t.trial, t.control))
             copy(t.trial, t.control)
             if moved < _STILL:
                 break
@@ -99,7 +84,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
 @njit(**BORROWING)
 def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool:
     """Make `t.trial` the best control if it is nearer to the desired one and passes the test; return whether it is."""
-    if not _squared(t.trial, t.desired) < _squared(t.best, t.desired):
+    if not squared(t.trial, t.desired) < squared(t.best, t.desired):
         return False
     if tested(g, sun, t.trial, MARGINS, as_int(_FEW), as_int(_TURNS), False, t, s)[0] != PASSED:
         return False
@@ -124,7 +109,7 @@ def _between(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> boo
     for i in range(deputies):
         t.hint[i] = NO_PLAN if t.fixed[i] else STAY
         t.kept[i] = t.hint[i]
-    size = math.sqrt(_squared(t.control, t.backup))
+    size = math.sqrt(squared(t.control, t.backup))
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         if size * (high - low) < _FINE:

@@ -240,13 +240,11 @@ class TeamFilter:
 
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
         """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
-        control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._find_plans(state, control, memory, self._models), control, memory
+        return self._find_plans(state, self._models)
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
-        control, memory = np.zeros(state.position.shape), np.zeros(state.position.shape[:2], np.int64)
-        return self._find_plans(state, control, memory, self._starts)
+        return self._find_plans(state, self._starts)[0]
 
     def looks(self, state: TeamState) -> Iterator[tuple[str, Constraint, RelativeState]]:
         """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair."""
@@ -278,13 +276,14 @@ class TeamFilter:
         return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
     def _find_plans(
-        self, state: TeamState, control: FloatArray, memory: IntArray, models: tuple[FilterModel, FilterModel]
-    ) -> BoolArray:
-        out = np.empty(len(state), np.bool_)
+        self, state: TeamState, models: tuple[FilterModel, FilterModel]
+    ) -> tuple[BoolArray, FloatArray, IntArray]:
+        shape = state.position.shape
+        out, control, memory = np.empty(len(state), np.bool_), np.zeros(shape), np.zeros(shape[:2], np.int64)
         compiled("team.rows").plan_team_rows(
             self._built(models), (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out
         )
-        return out
+        return out, control, memory
 
 
 def _checked(state: TeamState, desired: FloatArray) -> FloatArray:
