@@ -32,7 +32,6 @@ from safe_inspect.experiments.sampling.rollout import (
     AgentSlot,
     Rollout,
     agent_slots,
-    agents_by_policy,
     multi_agent_episodes,
     single_agent_episodes,
 )
@@ -165,13 +164,13 @@ def log_episodes(
         log(("agent_episode_return_mean", DEFAULT_AGENT_ID), value)
         log(("module_episode_return_mean", DEFAULT_MODULE_ID), value)
         return
-    for policy, agents in agents_by_policy(slots).items():
-        total = 0.0
-        for agent in agents:
-            value = _mean([report[f"agents/{agent}/return"] for report in recent])
-            log((names.EPISODE_AGENT_RETURN_MEAN, agent), value)
-            log((names.EPISODE_AGENT_STEPS, agent), _mean([report[f"agents/{agent}/length"] for report in recent]))
-            total += value
+    totals = dict.fromkeys((slot.policy for slot in slots), 0.0)
+    for agent, policy in ((slot.agent, slot.policy) for slot in slots):
+        value = _mean([report[f"agents/{agent}/return"] for report in recent])
+        log((names.EPISODE_AGENT_RETURN_MEAN, agent), value)
+        log((names.EPISODE_AGENT_STEPS, agent), _mean([report[f"agents/{agent}/length"] for report in recent]))
+        totals[policy] += value
+    for policy, total in totals.items():
         log((names.EPISODE_MODULE_RETURN_MEAN, policy), total)
 
 
