@@ -166,12 +166,9 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
         record = read_evaluation_record(folder)
     except EvaluationError:
         return False
-    wanted = {
-        "episodes": leaderboard.episodes,
-        "seed": leaderboard.seed,
-        "configuration": json.loads(json.dumps(entry.candidate.experiment.resolved, default=str)),
-    }
-    same = all(record.get(key) == value for key, value in wanted.items())
+    wanted = leaderboard.episodes, leaderboard.seed, entry.candidate.experiment.resolved
+    flown = [record.get(key) for key in ("episodes", "seed", "configuration")]
+    same: bool = flown == json.loads(json.dumps(wanted, default=str))
     return same and record["source"]["sha256"] == entry.candidate.source["sha256"]
 
 

@@ -234,16 +234,12 @@ class _Batched:
         self._sampler = None
         self._done = ()
         self._needs_initial_reset = True
+        context = EnvContext(config, worker_index=self.worker_index or 0)
         make_callback(
             "on_environment_created",
             callbacks_objects=self._callbacks,  # type: ignore[attr-defined]
             callbacks_functions=self.config.callbacks_on_environment_created,
-            kwargs={
-                "env_runner": self,
-                "metrics_logger": self.metrics,
-                "env": self.env,
-                "env_context": EnvContext(config, worker_index=self.worker_index or 0),
-            },
+            kwargs={"env_runner": self, "metrics_logger": self.metrics, "env": self.env, "env_context": context},
         )
 
     def _sample(self, **options: Any) -> list[Any]:
@@ -268,9 +264,7 @@ class _Batched:
     ) -> Rollout:
         assert not random_actions, "the algorithms with a batched runner do not sample random actions"
         if self._sampler is None:
-            make: Any = Sampler
-            if self.env.team.decides:
-                make = partial(DecisionSampler, gamma=self.config.gamma)
+            make: Any = partial(DecisionSampler, gamma=self.config.gamma) if self.env.team.decides else Sampler
             self._sampler = make(
                 self.env.team,
                 self.agent_slots,
