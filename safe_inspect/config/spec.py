@@ -123,10 +123,7 @@ class EnvironmentSpec:
 
     def names(self, agent: AgentSpec) -> dict[str, set[str]]:
         """Return the names that the fields of an agent's plugins may refer to, by kind."""
-        return {
-            **world_names(self.platforms, self.reset, self.simulator),
-            **agent_names(agent.parts, agent.dones),
-        }
+        return {**world_names(self.platforms, self.reset, self.simulator), **agent_names(agent.parts, agent.dones)}
 
 
 def world_names(platforms: Iterable[str], reset: ResetPlan, simulator: Simulator) -> dict[str, set[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,10 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.optimiser import EFFORTS, coverage_task, optimise
-from safe_inspect.evaluation.task import differing_keys
+from safe_inspect.evaluation.task import differing_keys, task_of
 from safe_inspect.planning.record import Entry, Record, read_record, write_record
 from safe_inspect.types import FloatArray
+from safe_inspect.version import __version__
 
 OPTIMISER = "optimiser"
 #: Number of episodes in a batch, after which finished episodes are stored.
@@ -24,6 +25,20 @@ _BATCH = 16
 
 #: Called with the number of finished episodes and the total number.
 Progress = Callable[[int, int], None]
+
+
+def empty_record(spec: EnvironmentSpec, seed: int, effort: str, cfg: str, overrides: Iterable[str]) -> Record:
+    """Return the record of a run that has no episodes yet, for `complete`.
+
+    Args:
+        spec: The task.
+        seed: Seed of the episodes.
+        effort: Name of the effort.
+        cfg: The experiment file or the id of the task.
+        overrides: Overrides of the task.
+    """
+    about = {"safe_inspect": __version__, "configuration_file": cfg, "overrides": list(overrides)}
+    return Record(seed, effort, task_of(spec), about)
 
 
 def complete(
@@ -162,7 +177,7 @@ def read_reference(path: Path, seed: int, episodes: int, task: Mapping[str, Any]
         ) from None
     if of_seed != seed:
         raise SafeInspectError(f"{path}: the reference has seed {of_seed}, not {seed}; give --seed {of_seed}")
-    apart = [] if task is None or "task" not in content else list(differing_keys(content["task"], task))
+    apart = [] if task is None or "task" not in content else differing_keys(content["task"], task)
     if apart:
         raise SafeInspectError(
             f"{path}: the reference is of another task, which differs in {', '.join(apart[:3])}; compute it again with "

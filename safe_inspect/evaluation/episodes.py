@@ -147,14 +147,20 @@ _Labels = Mapping[str, tuple[str, str]]
 _T = TypeVar("_T")
 
 
+@dataclass(frozen=True, eq=False)
 class _Informed:
     """Base class that makes the entries of `info` readable as attributes, such as ``episodes.inspected_fraction``.
 
     `info` contains the quantities that components report.
     """
 
+    returns: FloatArray
+    terms: Mapping[str, FloatArray]
+    length: IntArray
     status: AnyArray
-    info: Mapping[str, AnyArray]
+    delta_v: FloatArray
+    info: Mapping[str, AnyArray] = field(default_factory=dict)
+    metrics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def success(self) -> AnyArray:
@@ -187,14 +193,6 @@ class AgentEpisodes(_Informed):
             shape (E,).
         metrics: Metrics of the agent by label, NaN where there was nothing to measure, each of shape (E,).
     """
-
-    returns: FloatArray
-    terms: Mapping[str, FloatArray]
-    length: IntArray
-    status: AnyArray
-    delta_v: FloatArray
-    info: Mapping[str, AnyArray] = field(default_factory=dict)
-    metrics: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def figures(self, labels: _Labels) -> dict[str, FloatArray]:
         """Return all figures by label, each of shape (E,)."""
@@ -230,17 +228,10 @@ class Episodes(_Informed):
         causes: Why each episode was lost, empty for one that was not, shape (E,); None if no causes are reported.
     """
 
-    seed: int
-    returns: FloatArray
-    terms: Mapping[str, FloatArray]
-    length: IntArray
-    status: AnyArray
-    delta_v: FloatArray
-    info: Mapping[str, AnyArray] = field(default_factory=dict)
+    seed: int = field(kw_only=True)
     trajectories: tuple[Trajectory, ...] = ()
     closest: FloatArray | None = None
     agents: Mapping[str, AgentEpisodes] = field(default_factory=dict)
-    metrics: Mapping[str, FloatArray] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     labels: _Labels = field(default_factory=dict)
     initial_states: Mapping[str, FloatArray] = field(default_factory=dict)

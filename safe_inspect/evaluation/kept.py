@@ -142,7 +142,7 @@ def _check_flights(folder: Path, command: str, flown: Mapping[str, Any], force: 
         OutputError: The folder contains batches of other rollouts.
     """
     marker = read_marker(folder)
-    differing = list(differing_keys(marker["flown"], flown)) if "flown" in marker else []
+    differing = differing_keys(marker["flown"], flown) if "flown" in marker else []
     if differing and not force:
         keys = ", ".join(f"`{key.removeprefix('flights.')}`" for key in differing[:3])
         raise OutputError(

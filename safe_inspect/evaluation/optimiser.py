@@ -183,10 +183,7 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, p
         flown = confirmed([thrusts[row] if own[row] else thrust for row, thrust in enumerate(flown_thrust)])
     return [
         replace(
-            entry,
-            planned=found[row][1],
-            inspector=guide[row].delta_v if guide[row].success else None,
-            own=own[row],
+            entry, planned=found[row][1], inspector=guide[row].delta_v if guide[row].success else None, own=own[row]
         )
         for row, entry in enumerate(flown)
     ]

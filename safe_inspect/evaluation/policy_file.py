@@ -30,7 +30,7 @@ from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError, did_you_mean
 from safe_inspect.glues.actions import CoastGlue, ControllerGlue, DiscreteControllerGlue
 from safe_inspect.glues.base import ActionGlue, Glue, Parts, controller_of, sensor_of
-from safe_inspect.glues.normalizers import Affine, Normalization, Normalizer
+from safe_inspect.glues.normalizers import Affine, Normalization
 from safe_inspect.glues.observations import ObserveSensor
 from safe_inspect.platforms.controllers import RateController
 from safe_inspect.plugins.functor import describe
@@ -46,7 +46,20 @@ _OFF = Normalization(enabled=False)
 
 
 @dataclass(frozen=True)
-class ObservedElement:
+class _Element:
+    """Common part of the elements of the observation and of the action."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
+
+    name: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit or '-'}]"
+
+
+@dataclass(frozen=True)
+class ObservedElement(_Element):
     """An element of the observation: the network receives (value - centre) / width.
 
     Attributes:
@@ -58,20 +71,13 @@ class ObservedElement:
             share a policy, all that occur.
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
-
-    name: str
-    unit: str
     centre: float = 0.0
     width: float = 1.0
     plugins: tuple[str, ...] = ()
 
-    def __str__(self) -> str:
-        return f"{self.name} [{self.unit or '-'}]"
-
 
 @dataclass(frozen=True)
-class CommandedElement:
+class CommandedElement(_Element):
     """An element of the action: a controller receives offset + gain * action within [low, high], or one of the levels.
 
     Attributes:
@@ -87,10 +93,6 @@ class CommandedElement:
             several agents share a policy, all that occur.
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")  # a later version may mean something by a key that is unknown here
-
-    name: str
-    unit: str
     low: float
     high: float
     gain: float = 1.0
@@ -98,9 +100,6 @@ class CommandedElement:
     levels: tuple[float, ...] = ()
     axis: str = ""
     plugins: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        return f"{self.name} [{self.unit or '-'}]"
 
 
 def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
@@ -122,9 +121,10 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
         centre, width, plugins = np.zeros(len(names)), np.ones(len(names)), _configuration(glue)
         if isinstance(glue, ObserveSensor):
             sensor = sensor_of(agent.parts, glue.sensor)
-            symbol, (scale, normalizer, low, high) = sensor.symbol, glue.prepared(sensor)
-            if exportable or _is_known(normalizer, low, high):
-                gain, offset = _affine(agent, glue, normalizer, low, high)
+            symbol, (scale, _, low, high) = sensor.symbol, glue.prepared(sensor)
+            affine = glue.normalization.affine(low, high)
+            if exportable or affine is not None:
+                gain, offset = _gain_and_offset(agent, glue, affine, low.shape)
                 centre, width, plugins = -offset / gain / scale + 0.0, 1.0 / gain / scale, ()
         rows = zip(names, centre.tolist(), width.tolist(), strict=True)
         found += [ObservedElement(name, symbol, at, by, plugins) for name, at, by in rows]
@@ -159,9 +159,9 @@ def _commanded(agent: AgentSpec, glue: Glue, exportable: bool) -> list[Commanded
         return [CommandedElement(names[0], unit, *limits, levels=levels, axis=axis, plugins=plugins)]
     if isinstance(glue, ControllerGlue):
         unit, axis, plugins, low, high = _controller(agent.parts, glue.controller)
-        normalizer = glue.normalization.active
-        if exportable or _is_known(normalizer, low, high):
-            gain, offset = _affine(agent, glue, normalizer, low, high)
+        affine = glue.normalization.affine(low, high)
+        if exportable or affine is not None:
+            gain, offset = _gain_and_offset(agent, glue, affine, low.shape)
             pairs = zip(low.tolist(), high.tolist(), (1.0 / gain).tolist(), (-offset / gain).tolist(), strict=True)
             return [
                 CommandedElement(name, unit, least, most, by, at + 0.0, axis=axis, plugins=plugins)
@@ -191,20 +191,14 @@ def _configuration(plugin: Plugin) -> tuple[str, ...]:
     return (json.dumps(describe(plugin), sort_keys=True),)
 
 
-def _is_known(normalizer: Normalizer | None, low: FloatArray, high: FloatArray) -> bool:
-    return normalizer is None or normalizer.affine(low, high) is not None
-
-
-def _affine(
-    agent: AgentSpec, glue: Glue, normalizer: Normalizer | None, low: FloatArray, high: FloatArray
+def _gain_and_offset(
+    agent: AgentSpec, glue: ObserveSensor | ControllerGlue, affine: Affine | None, shape: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return gain and offset of a normaliser, normalised = gain * value + offset, each of shape (k,)."""
-    affine = Affine() if normalizer is None else normalizer.affine(low, high)
+    """Return gain and offset of a glue's normaliser, normalised = gain * value + offset, each of shape (k,)."""
     if affine is not None:
-        return np.broadcast_to(affine.gain, low.shape), np.broadcast_to(affine.offset, low.shape)
-    assert normalizer is not None
+        return np.broadcast_to(affine.gain, shape), np.broadcast_to(affine.offset, shape)
     raise ConfigError(
-        f"{_title(agent, glue)}: a file cannot contain the normaliser {normalizer.registered_name}; train with "
+        f"{_title(agent, glue)}: a file cannot contain the normaliser {glue.normalization.normalizer}; train with "
         "StandardNormalNormalizer, LinearNormalizer or `normalization: {enabled: False}` to export the policy"
     )
 
@@ -395,23 +389,16 @@ def difference_of(trained: Sequence[_TrainedElement], task: Sequence[_TrainedEle
     if len(trained) != len(task):
         return f"there are {len(trained)} elements in training and {len(task)} in the task"
     for old, new in zip(trained, task, strict=True):
-        if _axis(old) and _axis(old) != _axis(new):  # files of early versions name no axis
-            return f"{old.name} acts along {_axis(old)} in training and along {_axis(new) or 'no axis'} in the task"
+        axis, other = (getattr(element, "axis", "") for element in (old, new))
+        if axis and axis != other:  # files of early versions name no axis
+            return f"{old.name} acts along {axis} in training and along {other or 'no axis'} in the task"
         mine, theirs = _numbers(old), _numbers(new)
         alike = len(mine) == len(theirs) and np.allclose(mine, theirs, rtol=_RELATIVE, atol=_ABSOLUTE)
-        if _chooses(old) != _chooses(new) or not alike:
+        if bool(getattr(old, "levels", ())) != bool(getattr(new, "levels", ())) or not alike:
             return f"{old.name} {_meaning(old)} in training and {_meaning(new)} in the task"
         if bool(old.plugins) != bool(new.plugins) or not set(new.plugins) <= set(old.plugins):
             return f"{old.name} comes from {_short(old)} in training and from {_short(new)} in the task"
     return ""
-
-
-def _axis(element: _TrainedElement) -> str:
-    return element.axis if isinstance(element, CommandedElement) else ""
-
-
-def _chooses(element: _TrainedElement) -> bool:
-    return isinstance(element, CommandedElement) and bool(element.levels)
 
 
 def _numbers(element: _TrainedElement) -> tuple[float, ...]:

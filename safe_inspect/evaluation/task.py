@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from safe_inspect import metrics
 from safe_inspect.config.loading.loader import parse
 from safe_inspect.config.messages.report import functor_mistakes
-from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
+from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError
 from safe_inspect.metrics import BaseMetric, SmallestPhi
@@ -69,7 +69,7 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
     The constraints are those of the agents' safety glues and of the team filter, with their parameters, whether or not
     these are enabled.
     """
-    filters = [*(glue for agent in spec.agents for glue in _glues(agent)), spec.team_safety]
+    glues = [glue for agent in spec.agents for glue in agent.action_glues if isinstance(glue, SafetyGlue)]
     usual: list[BaseMetric] = [metrics.Interventions()]
     if any(action_layout(agent).coast is not None for agent in spec.agents):
         usual.append(metrics.Decisions())
@@ -90,7 +90,7 @@ def default_metrics(spec: EnvironmentSpec) -> list[BaseMetric]:
         inaccurate = [part for part in agent.parts.values() if isinstance(part, Sensor) and part.errors is not None]
         for error in [metrics.ReadingError(sensor=part.part_name, symbol=part.symbol) for part in inaccurate]:
             found.setdefault(error.label, error)
-    for filtering in filters:
+    for filtering in (*glues, spec.team_safety):
         for metric in _constraints(filtering) if filtering is not None else ():
             found.setdefault(metric.label, metric)
     if leaves_plane(*spec.simulator.compose()):
@@ -125,10 +125,6 @@ def read_metrics(texts: Iterable[str]) -> list[BaseMetric]:
     return made
 
 
-def _glues(agent: AgentSpec) -> list[SafetyGlue]:
-    return [glue for glue in agent.action_glues if isinstance(glue, SafetyGlue)]
-
-
 def _constraints(filtering: Any) -> list[SmallestPhi]:
     """Return a metric for each constraint that a filter lists in its field `constraints`, as this package's filters do.
 
@@ -150,13 +146,19 @@ def _described(items: Iterable[Any]) -> list[Mapping[str, Any]]:
     return [{"name": item.name, **describe(item.functor)} for item in items]
 
 
-def differing_keys(one: Any, other: Any, path: str = "") -> Iterable[str]:
-    """Yield the paths of the keys at which two tasks differ."""
+def differences(one: Any, other: Any, path: str = "", missing: Any = None) -> Iterable[tuple[str, Any, Any]]:
+    """Yield the paths at which two configurations differ, with both values; that of a missing key is `missing`."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in dict.fromkeys([*one, *other]):
-            yield from differing_keys(one.get(key), other.get(key), f"{path}.{key}" if path else str(key))
+            where = f"{path}.{key}" if path else str(key)
+            yield from differences(one.get(key, missing), other.get(key, missing), where, missing)
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for index, pair in enumerate(zip(one, other, strict=True)):
-            yield from differing_keys(*pair, f"{path}[{index}]")
+            yield from differences(*pair, f"{path}[{index}]", missing)
     elif one != other:
-        yield path
+        yield path, one, other
+
+
+def differing_keys(one: Any, other: Any) -> list[str]:
+    """Return the paths of the keys at which two tasks differ."""
+    return [path for path, _, _ in differences(one, other)]

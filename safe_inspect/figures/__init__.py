@@ -7,12 +7,4 @@ from safe_inspect.figures.page import episode_page, save_page
 from safe_inspect.figures.pictures import save_film
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 
-__all__ = [
-    "Film",
-    "curves_figure",
-    "episode_page",
-    "save",
-    "save_film",
-    "save_page",
-    "trajectory_figure",
-]
+__all__ = ["Film", "curves_figure", "episode_page", "save", "save_film", "save_page", "trajectory_figure"]

@@ -78,6 +78,8 @@ class ChiefView:
     def __init__(self, figure: Any, episode: Trajectory) -> None:
         self._episode, self._radius = episode, radius_of(episode)
         self._sides = []
+        outline, look = picture.circle(self._radius).T, {"linestyle": "", "marker": "o"}
+        colours = [deputy_line(index)["color"] for index in range(len(episode.deputies))]
         for column, title in enumerate(("chief as on the left", "from behind")):
             axes = figure.add_axes((0.615 + 0.19 * column, 0.6, 0.18, 0.29))
             axes.set_axis_off()
@@ -85,23 +87,13 @@ class ChiefView:
             reach = 1.05 * self._radius
             axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
             axes.set_title(title, pad=3.0, fontsize=9)
-            axes.fill(
-                *picture.circle(self._radius).T,
-                facecolor=picture.NIGHT,
-                edgecolor=picture.GREY,
-                linewidth=0.7,
-                zorder=1,
-            )
+            axes.fill(*outline, facecolor=picture.NIGHT, edgecolor=picture.GREY, linewidth=0.7, zorder=1)
             (day,) = axes.fill([0.0], [0.0], facecolor=picture.DAY, zorder=1.1)
-            waiting = axes.plot([], [], linestyle="", marker="o", markersize=3.5, color=picture.DARK, zorder=2)[0]
-            lit = axes.plot([], [], linestyle="", marker="o", markersize=5, color=picture.LIT, zorder=2)[0]
+            waiting = axes.plot([], [], markersize=3.5, color=picture.DARK, zorder=2, **look)[0]
+            lit = axes.plot([], [], markersize=5, color=picture.LIT, zorder=2, **look)[0]
             lit.set(markeredgecolor=picture.BLACK, markeredgewidth=0.9)
             waiting.set(markeredgewidth=0.0)
-            colours = [deputy_line(index)["color"] for index in range(len(episode.deputies))]
-            owners = [
-                axes.plot([], [], linestyle="", marker="o", markersize=5, color=colour, zorder=3)[0]
-                for colour in colours
-            ]
+            owners = [axes.plot([], [], markersize=5, color=colour, zorder=3, **look)[0] for colour in colours]
             self._sides.append((day, waiting, lit, owners))
         self._build_key(figure)
 
@@ -124,9 +116,8 @@ class ChiefView:
 
     def show(self, now: Moment, front: picture.Camera) -> None:
         """Draw the chief at a moment."""
-        for camera, (day, waiting, lit, owners) in zip(
-            (front, picture.Camera.along(-front.sight)), self._sides, strict=True
-        ):
+        cameras = front, picture.Camera.along(-front.sight)
+        for camera, (day, waiting, lit, owners) in zip(cameras, self._sides, strict=True):
             if now.sun is not None:
                 day.set_xy(camera.day(now.sun, self._radius))
                 day.set_visible(not now.eclipse)
@@ -160,10 +151,8 @@ class ApproachView:
         self._lines = [axes.plot([], [], **deputy_line(index))[0] for index in range(len(episode.deputies))]
         dots: Any = {"linestyle": "", "marker": "o", "markersize": 5}
         self._dots = [axes.plot([], [], color=line.get_color(), **dots)[0] for line in self._lines]
-        parts = (["speed limit (dashed)"] if self._limit is not None else []) + (
-            ["docking region (grey)"] if episode.docking_radius else []
-        )
-        axes.set_title(", ".join(parts), pad=3.0, fontsize=8)
+        parts = {"speed limit (dashed)": self._limit is not None, "docking region (grey)": episode.docking_radius > 0.0}
+        axes.set_title(", ".join(part for part, drawn in parts.items() if drawn), pad=3.0, fontsize=8)
 
     def show(self, now: Moment, front: picture.Camera) -> None:
         """Draw the speeds so far; between two recorded states the last recorded speed is shown."""
@@ -215,7 +204,7 @@ class Film(Pictures):
         reach = np.abs(np.concatenate(corners)).max(axis=0)
         wide = max(float(reach[0]), 1.22 * self._ring[-1])
         tall = max(1.06 * float(reach[1]), 0.6 * self._ring[-1])  # the line of text is above it
-        aspect = 0.6 * self._size[0] / self._size[1]
+        aspect = 0.6 * self.size[0] / self.size[1]
         half = 1.06 * max(wide, tall * aspect)
         axes.set(xlim=(-half, half), ylim=(-half / aspect, half / aspect))
         self._rings = [axes.plot([], [], color=picture.PALE, linewidth=0.9, zorder=1)[0] for _ in self._ring]

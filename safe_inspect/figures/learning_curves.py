@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,11 +74,6 @@ def _number(path: str | os.PathLike[str], line: int, name: str, cell: str | None
     except ValueError:
         message = f"{os.fspath(path)}:{line}: the file is damaged: `{name}` is {cell!r:.40}, not a number"
         raise SafeInspectError(message) from None
-
-
-def _has_ended(columns: Mapping[str, FloatArray]) -> bool:
-    """Return whether an episode of a training has ended."""
-    return any(bool(np.isfinite(columns[name]).any()) for name, *_ in _PANELS)
 
 
 def _label_panel(axes: Any, label: str, factor: float, drawn: bool, ended: bool) -> None:
@@ -183,14 +177,15 @@ def curves_figure(
         raise SafeInspectError("no learning curves: give the folders of trainings")
     columns = {label: [_read_learning_curve(path) for path in paths] for label, paths in recipes.items()}
     with new_figure(9.0, 5.8, layout="constrained") as figure:
-        every = np.concatenate([run[_STEPS] for runs in columns.values() for run in runs])
-        panels, scale = _panels_of(figure, every)
+        every = [run for runs in columns.values() for run in runs]
+        ended = any(np.isfinite(run[name]).any() for run in every for name, *_ in _PANELS)  # any episode
+        panels, scale = _panels_of(figure, np.concatenate([run[_STEPS] for run in every]))
         for axes, (name, label, factor) in zip(panels.flat, _PANELS, strict=True):
             drawn = [
                 _draw_recipe(axes, runs, name, factor, scale, centre, each, deputy_line(index))
                 for index, runs in enumerate(columns.values())
             ]
-            _label_panel(axes, label, factor, any(drawn), any(map(_has_ended, itertools.chain(*columns.values()))))
+            _label_panel(axes, label, factor, any(drawn), ended)
         panels[1, 1].set_ylim(0.0, None)
         _draw_legend(figure, columns, centre)
     return figure

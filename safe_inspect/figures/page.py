@@ -171,9 +171,8 @@ def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
     for step in steps:
         thrust = episode.thrust[step, deputy]
         size = float(np.sqrt(np.square(thrust).sum()))
-        found.append(
-            {"step": int(step), "thrust": rounded(thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS), 4)}
-        )
+        drawn = thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS)
+        found.append({"step": int(step), "thrust": rounded(drawn, 4)})
     return found
 
 

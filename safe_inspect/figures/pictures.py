@@ -33,15 +33,19 @@ class Pictures(ABC):
     Raises:
         SafeInspectError: Matplotlib is not installed.
         ValueError: A number is out of range.
+
+    Attributes:
+        frames: Number of pictures.
+        size: Width and height of a picture [pixels].
     """
 
     def __init__(self, frames: int, width: int) -> None:
         if frames < 2 or not 320 <= width <= 3840:
             raise ValueError(f"expected at least 2 frames and a width of 320 to 3840 pixels, got {frames} and {width}")
         self.frames = frames
-        self._size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs require even numbers
+        self.size = (2 * (width // 2), 2 * round(width / 3.2))  # video codecs require even numbers
         # The resolution grows with the width, so that fonts and lines keep their relative sizes.
-        with new_figure(8.0, 8.0 * self._size[1] / self._size[0], dpi=self._size[0] / 8.0) as figure:
+        with new_figure(8.0, 8.0 * self.size[1] / self.size[0], dpi=self.size[0] / 8.0) as figure:
             from matplotlib.backends.backend_agg import FigureCanvasAgg
 
             self._canvas: Any = FigureCanvasAgg(figure)
@@ -54,11 +58,6 @@ class Pictures(ABC):
     @abstractmethod
     def _show(self, share: float) -> None:
         """Update the figure to a share of the film's time, from 0 to 1."""
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of a picture [pixels]."""
-        return self._size
 
     def __len__(self) -> int:
         return self.frames

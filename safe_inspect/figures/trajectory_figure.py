@@ -69,21 +69,18 @@ def _draw_chief(figure: Figure, episode: Trajectory) -> None:
     radius = radius_of(episode)
     seen = np.isfinite(episode.inspected_at)
     several = len(episode.deputies) > 1
+    ink = BLACK if several else VERMILION
     for column, camera in enumerate((FRONT, Camera.along(-FRONT.sight))):
         axes: Any = figure.add_axes((0.02 + 0.175 * column, 0.03, 0.17, 0.235))
         front, flat = episode.points @ camera.sight > 0.0, camera.flat(episode.points)
         axes.fill(*circle(radius, 181).T, facecolor="#F2F2F2", edgecolor=GREY, linewidth=0.7)
         (_by_inspector if several else _by_time)(axes, episode, flat, front & seen)
-        missed = flat[front & ~seen]
-        axes.scatter(
-            missed[:, 0], missed[:, 1], s=22, marker="x", color=BLACK if several else VERMILION, linewidths=1.3
-        )
+        axes.scatter(*flat[front & ~seen].T, s=22, marker="x", color=ink, linewidths=1.3)
         axes.set_aspect("equal")
         axes.set_axis_off()
         axes.set_title("from behind" if column else "chief as above", pad=2.0, fontsize=8.5)
     (_inspectors_key if several else _time_key)(figure, episode)
     if not seen.all():
-        ink = BLACK if several else VERMILION
         figure.text(0.1925, 0.012, "crosses: not inspected", fontsize=8, color=ink, ha="center")
 
 

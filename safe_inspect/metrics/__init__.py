@@ -1,11 +1,7 @@
 """Metrics, which measure the episodes of an evaluation. Importing the package registers them."""
 
 from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
-from safe_inspect.metrics.coverage import (
-    DeltaVAfterLastPoint,
-    DeltaVToCoverage,
-    TimeToCoverage,
-)
+from safe_inspect.metrics.coverage import DeltaVAfterLastPoint, DeltaVToCoverage, TimeToCoverage
 from safe_inspect.metrics.flight import (
     Decisions,
     EstimateError,

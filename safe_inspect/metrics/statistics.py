@@ -113,8 +113,6 @@ def bootstrap(
         together,
         n_resamples=resamples,
         batch=max(_BATCH // count, 1),
-        vectorized=True,
-        paired=False,
         axis=-1,
         confidence_level=LEVEL,
         method="percentile",

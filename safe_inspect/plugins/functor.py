@@ -8,6 +8,7 @@ nested to any depth; each error has the full path of its key.
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
+from functools import partial
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, PlainSerializer, ValidationError, WithJsonSchema
@@ -135,13 +136,9 @@ def errors_of(error: ValidationError) -> list[dict[str, Any]]:
 
 def functor_field(kind: str) -> Any:
     """Return a field type for one plugin of that kind."""
-
-    def convert(value: Any) -> Plugin:
-        return build(kind, value)
-
     return Annotated[
         Plugin,
-        BeforeValidator(convert, json_schema_input_type=dict[str, Any]),
+        BeforeValidator(partial(build, kind), json_schema_input_type=dict[str, Any]),
         PlainSerializer(describe, return_type=dict[str, Any]),
         WithJsonSchema({"type": "object", SCHEMA_KIND: kind}),
     ]

@@ -176,12 +176,10 @@ def import_user_module(name: str, wanted: str = "") -> ModuleType:
         raise RegistryError(f"{name!r} is not a module path; write it as package.module")
     try:
         return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is not None and f"{name}.".startswith(f"{error.name}."):
+    except (Exception, SystemExit) as error:
+        if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
             remedy = "; correct the name, install the module, or start the command in the folder that contains it"
             raise RegistryError(f"no module {name!r}{wanted or remedy}") from None
-        raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
-    except (Exception, SystemExit) as error:
         raise RegistryError(f"module {name!r} cannot be imported: {cause_of(error)}; fix the module") from error
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
-from safe_inspect.evaluation.episodes import _Informed
+from safe_inspect.evaluation.episodes import AgentEpisodes
 from safe_inspect.evaluation.measuring import MetricAccumulator, check_metrics
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.metrics import Metric
@@ -192,15 +192,14 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
 
 
 def test_a_figure_that_no_component_offers_lists_those_that_are_there() -> None:
-    class Offered(_Informed):
-        def __init__(self, **info: Any) -> None:
-            self.info = info
+    def offered(**info: Any) -> AgentEpisodes:
+        return AgentEpisodes(np.zeros(3), {}, np.zeros(3, int), np.zeros(3, int), np.zeros(3), info)
 
-    some = Offered(count=np.arange(3), share=np.zeros(3))
+    some = offered(count=np.arange(3), share=np.zeros(3))
     np.testing.assert_array_equal(some.count, [0, 1, 2])
     for episodes, words in (
         (some, "the episodes of this task have no 'height'; its components report count, share"),
-        (Offered(), "the episodes of this task have no 'height'"),
+        (offered(), "the episodes of this task have no 'height'"),
     ):
         with pytest.raises(AttributeError) as caught:
             _ = episodes.height

@@ -11,8 +11,9 @@ import pytest
 from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
+from safe_inspect.evaluation.task import differences
 from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.run_folder import changed_values, digest, learning_configuration
+from safe_inspect.experiments.files.run_folder import digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.outputs import exclusive
@@ -102,7 +103,7 @@ def test_two_processes_cannot_train_in_one_folder(tmp_path):
 
 
 def test_the_lists_of_two_lengths_differ():
-    assert list(changed_values({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
+    assert list(differences({"a": [1]}, {"a": [1, 2]})) == [("a", [1], [1, 2])]
 
 
 def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeypatch):

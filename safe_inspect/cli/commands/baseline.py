@@ -10,11 +10,8 @@ from safe_inspect.cli.common import add_overrides
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.baselines import OPTIMISER, baseline_table, complete
+from safe_inspect.evaluation.baselines import OPTIMISER, baseline_table, complete, empty_record
 from safe_inspect.evaluation.optimiser import EFFORTS
-from safe_inspect.evaluation.task import task_of
-from safe_inspect.planning.record import Record
-from safe_inspect.version import __version__
 
 #: The default task.
 _DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
@@ -47,16 +44,7 @@ def run_baseline(arguments: argparse.Namespace) -> int:
             f"there is no baseline {arguments.kind!r}; write `{OPTIMISER}`, or run a policy by `safe-inspect evaluate`"
         )
     spec = load_spec(arguments.cfg, arguments.overrides)
-    asked = Record(
-        seed=arguments.seed,
-        effort=arguments.effort,
-        task=task_of(spec),
-        about={
-            "safe_inspect": __version__,
-            "configuration_file": str(arguments.cfg),
-            "overrides": list(arguments.overrides),
-        },
-    )
+    asked = empty_record(spec, arguments.seed, arguments.effort, str(arguments.cfg), arguments.overrides)
     try:
         with EpisodeBar(OPTIMISER) as bar:
             record = complete(

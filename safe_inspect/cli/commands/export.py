@@ -58,9 +58,8 @@ def run_export(arguments: argparse.Namespace) -> int:
     output = arguments.output or Path("policy.onnx" if policy == SINGLE else f"{policy}.onnx")
     done = export_policy(checkpoint, output, policy, experiment)
     info, found = done.info, done.difference
-    kind = {"gaussian": "means", "categorical": "most likely levels", "greedy": "best levels"}.get(
-        info.distribution, "most likely actions"
-    )
+    kinds = {"gaussian": "means", "categorical": "most likely levels", "greedy": "best levels"}
+    kind = kinds.get(info.distribution, "most likely actions")
     print(f"{done.path}: {info.task}, policy {info.policy}, for {', '.join(info.agents)}")
     print(f"  {len(info.observation)} readings in SI units to {len(info.action)} commands, the {kind} of the policy")
     print(

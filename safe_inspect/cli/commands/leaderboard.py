@@ -16,7 +16,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError, did_you_mean
-from safe_inspect.evaluation.baselines import OPTIMISER, complete
+from safe_inspect.evaluation.baselines import OPTIMISER, complete, empty_record
 from safe_inspect.evaluation.optimiser import coverage_task
 from safe_inspect.evaluation.results.files import is_evaluation, read_evaluation, read_evaluation_record
 from safe_inspect.evaluation.results.leaderboard import (
@@ -33,8 +33,6 @@ from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.outputs import check_writable, new_file
-from safe_inspect.planning.record import Record
-from safe_inspect.version import __version__
 
 
 def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +133,7 @@ def _entries(board: Board, leaderboard: Leaderboard) -> list[_Entry]:
                 spec = candidate.experiment.spec
         except SafeInspectError as error:
             raise SafeInspectError(f"{where}: {error}") from None
-        differing = list(differing_keys(whole, task_of(spec)))
+        differing = differing_keys(whole, task_of(spec))
         if differing:
             raise SafeInspectError(
                 f"{where}: its task differs from that of the board: `{differing[0]}`; put the row into another board"
@@ -168,19 +166,15 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
         record = read_evaluation_record(folder)
     except EvaluationError:
         return False
-    wanted = {
-        "episodes": leaderboard.episodes,
-        "seed": leaderboard.seed,
-        "configuration": json.loads(json.dumps(entry.candidate.experiment.resolved, default=str)),
-    }
-    same = all(record.get(key) == value for key, value in wanted.items())
+    wanted = leaderboard.episodes, leaderboard.seed, entry.candidate.experiment.resolved
+    flown = [record.get(key) for key in ("episodes", "seed", "configuration")]
+    same: bool = flown == json.loads(json.dumps(wanted, default=str))
     return same and record["source"]["sha256"] == entry.candidate.source["sha256"]
 
 
 def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     """Return the result of open-loop plans, stored or new."""
-    about = {"safe_inspect": __version__, "configuration_file": entry.task, "overrides": list(entry.overrides)}
-    asked = Record(leaderboard.seed, "quick", task_of(entry.spec), about)
+    asked = empty_record(entry.spec, leaderboard.seed, "quick", entry.task, entry.overrides)
     path.parent.mkdir(parents=True, exist_ok=True)
     with EpisodeBar(OPTIMISER) as bar:
         record = complete(entry.spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 
 from safe_inspect.cli.arguments import add_option, positive, seed
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import acceptance, safety_report
@@ -72,16 +72,15 @@ def _run_audit(arguments: argparse.Namespace) -> int:
 
     def show(found: Audit) -> None:
         line = f"{found.settings:,} of {arguments.audit + 1:,} settings, {found.steps:,} steps"
-        print(f"{line}, {found.infeasible:,} without a plan, {found.violations:,} violations", file=sys.stderr)
+        print_error(f"{line}, {found.infeasible:,} without a plan, {found.violations:,} violations")
 
     report = audit(arguments.audit, seed=arguments.seed, first=glue.backup_filter, progress=show)
     print(report)
     others = [name for name in glue.kept if name not in report.least]
     if others:
-        print(
+        print_error(
             f"note: {' and '.join(others)} not audited, because the audit only has independent definitions of the "
-            "built-in constraints; run `safe-inspect safety` without --audit to test it",
-            file=sys.stderr,
+            "built-in constraints; run `safe-inspect safety` without --audit to test it"
         )
     return 1 if report.violations or report.infeasible else 0
 
@@ -101,10 +100,9 @@ def run_acceptance(arguments: argparse.Namespace) -> int:
     disabled = [glue for agent in spec.agents for glue in agent.action_glues if not getattr(glue, "enabled", True)]
     if disabled and (spec.team_safety is None or not spec.team_safety.enabled):
         name = type(disabled[0]).registered_name
-        print(
+        print_error(
             f"note: only the sampler's constraints are checked, because the filter is off; set "
-            f"{name}.config.enabled=true to reject initial states that the filter cannot keep safe too",
-            file=sys.stderr,
+            f"{name}.config.enabled=true to reject initial states that the filter cannot keep safe too"
         )
     return 0
 

@@ -87,14 +87,11 @@ def _dry_run(experiment: Experiment, steps: int = 20) -> str:
     environment.reset()
     generator = np.random.default_rng(0)
     for _ in range(steps):
-        over = environment.step(
-            [group.action_layout.draw(generator, (4, group.size)) for group in environment.acting]
-        ).over
+        actions = [group.action_layout.draw(generator, (4, group.size)) for group in environment.acting]
+        over = environment.step(actions).over
         if over.any():
             environment.reset(np.flatnonzero(over))
-    lines = [
-        f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s",
-    ]
+    lines = [f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s"]
     for disturbance in experiment.spec.simulator.disturbance:
         lines.append(f"disturbance: {disturbance.registered_name}, {_fields(disturbance)}")
     for group in environment.groups:

@@ -59,7 +59,9 @@ def build_agent(entry: AgentEntry, place: Place, world: WorldValues, setting: Ag
         return None
     scripted = _scripted_policy(entry, place.at("policy"), setting)
     _check_controls(body, inside, setting)
-    dones = _with_time_limit(body.dones, setting.horizon)
+    dones: _Dones = body.dones
+    if not any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
+        dones = (*dones, Named("EpisodeLengthDone", EpisodeLengthDone(horizon=setting.horizon)))
     parts = _parts(body, dones, inside.at("parts"), setting)
     _check_carries(entry.platforms[0], parts, inside.at("parts"), setting)
     known = {**setting.names, **agent_names(parts, dones)}
@@ -104,13 +106,6 @@ def _check_controls(body: AgentBody, inside: Place, setting: AgentSetting) -> No
         if isinstance(part, Controller) and part.control_size > size:
             message = f"{part.part_name!r} commands a moment, but the platforms have no attitude"
             inside.report(f"{message}; use `platform: six-dof`, or remove the controller", "parts", index)
-
-
-def _with_time_limit(dones: _Dones, horizon: int) -> _Dones:
-    """Return the done functions, with a time limit added if there is none among them."""
-    if any(isinstance(done.functor, EpisodeLengthDone) for done in dones):
-        return dones
-    return (*dones, Named("EpisodeLengthDone", EpisodeLengthDone(horizon=horizon)))
 
 
 def _parts(body: AgentBody, dones: _Dones, place: Place, setting: AgentSetting) -> dict[str, Part]:

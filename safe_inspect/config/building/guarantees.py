@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -110,9 +110,10 @@ def _check_filter(
         _check_sun(environment.simulator, place.at("constraints"))
         _check_sun_angle(reset, root)
     if kept:
-        for name in _moving_bodies(environment.simulator, reset):
-            text = f"the filter assumes a chief at rest at the origin, and {name!r} is not"
-            place.report(f"{text}; let it start at rest at the origin, or disable the filter", "enabled")
+        for name in {body: None for component in environment.simulator.compose()[1] for body in component.bodies}:
+            if name in reset.entities and not _rests_at_origin(reset.entities[name]):
+                text = f"the filter assumes a chief at rest at the origin, and {name!r} is not"
+                place.report(f"{text}; let it start at rest at the origin, or disable the filter", "enabled")
     for index, named in enumerate(environment.dones.shared):
         apart = 2.0 * kept["deputy_collision"].deputy_radius if "deputy_collision" in kept else math.inf
         done = named.functor
@@ -151,13 +152,6 @@ def _check_sun_angle(reset: ResetPlan, root: Place) -> None:
         if starts != [SimAttributeAccessor(attribute_name=f"{name}.sun_angle")]:
             text = f"`{name}` tests initial states with a sun angle that it samples, but the sun starts at another one"
             place.report(f"{text}; use a SimAttributeAccessor of `{name}.sun_angle`")
-
-
-def _moving_bodies(simulator: Simulator, reset: ResetPlan) -> Iterator[str]:
-    """Yield the bodies that components act on and that are not at rest at the origin."""
-    for name in {body: None for component in simulator.compose()[1] for body in component.bodies}:
-        if name in reset.entities and not _rests_at_origin(reset.entities[name]):
-            yield name
 
 
 def _rests_at_origin(body: BodyReset | None) -> bool:

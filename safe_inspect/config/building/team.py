@@ -121,12 +121,10 @@ def _warn_of_starts(
         states[state] = np.stack(own, axis=1) if isinstance(safety, TeamSafety) else own[0]
     refused = [name for name, rows in safety.refusals(states).items() if rows.any()]
     if refused:
-        warnings.warn(
-            f"{', '.join(platforms)}: initial states are rejected by {', '.join(refused)}; the safety filter gives no "
-            f"guarantee for such episodes; sample them with a RejectionSampler that has an `rta`, or choose others",
-            UnsafeInitialStateWarning,
-            stacklevel=2,
-        )
+        by = ", ".join(refused)
+        text = f"{', '.join(platforms)}: initial states are rejected by {by}; the safety filter gives no guarantee for "
+        text += "such episodes; sample them with a RejectionSampler that has an `rta`, or choose others"
+        warnings.warn(text, UnsafeInitialStateWarning, stacklevel=2)
 
 
 def _sampled_with(reset: ResetPlan, safety: SafetyGlue) -> dict[str, Any]:

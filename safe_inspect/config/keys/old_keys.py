@@ -76,10 +76,7 @@ RESERVED: dict[str, str] = by_name(
 )
 
 #: Keys of the networks, old name to new name.
-MODEL_RENAMED: dict[str, str] = {
-    "post_fcnet_hiddens": "head_fcnet_hiddens",
-    "post_fcnet_activation": "head_fcnet_activation",
-}
+MODEL_RENAMED: dict[str, str] = {f"post_{key}": f"head_{key}" for key in ("fcnet_hiddens", "fcnet_activation")}
 
 #: Old keys of the networks that are accepted at one value only.
 MODEL_ONLY_AT: dict[str, tuple[tuple[object, ...], str]] = {

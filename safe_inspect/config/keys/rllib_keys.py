@@ -14,9 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from annotated_types import Ge, Le
-from pydantic import (
-    StrictBool,
-)
+from pydantic import StrictBool
 
 from safe_inspect.config.keys import by_name
 from safe_inspect.config.keys.value_types import (
@@ -226,11 +224,7 @@ PPO_DEFAULTS: dict[str, Any] = {
 ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"PPO": PPO_DEFAULTS}
 
 #: The policy and the value function have separate networks.
-MODEL_DEFAULTS: dict[str, Any] = {
-    "fcnet_hiddens": [256, 256],
-    "fcnet_activation": "tanh",
-    "vf_share_layers": False,
-}
+MODEL_DEFAULTS: dict[str, Any] = {"fcnet_hiddens": [256, 256], "fcnet_activation": "tanh", "vf_share_layers": False}
 
 #: Keys that affect where and how fast a run computes, but not what it learns; a resumed run may change them.
 PLACE_KEYS = frozenset(

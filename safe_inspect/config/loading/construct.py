@@ -85,11 +85,8 @@ class Constructor:
         shown = tag.replace(_STANDARD, "!!")
         if shown in ("!!map", "!!seq") or tag in _SCALARS:
             return self._wrong(node, f"the tag `{shown}` is not valid for the value after it", "remove it")
-        return self._wrong(
-            node,
-            f"unknown tag `{shown}`",
-            "the tags are `!include FILE`, in lists `!include-extend FILE`, and in merged mappings `!remove`",
-        )
+        hint = "the tags are `!include FILE`, in lists `!include-extend FILE`, and in merged mappings `!remove`"
+        return self._wrong(node, f"unknown tag `{shown}`", hint)
 
     def _sequence(self, node: Any) -> LocatedList:
         pairs: list[tuple[Any, Location | None]] = []
@@ -108,9 +105,8 @@ class Constructor:
         try:
             value = _SCALARS[node.tag](node)
             if isinstance(value, int | float) and OTHER_BASE.fullmatch(node.value):
-                return self._wrong(
-                    node, f"YAML reads `{node.value}` as {value}", f"write {value} if that is intended, or quote it"
-                )
+                hint = f"write {value} if that is intended, or quote it"
+                return self._wrong(node, f"YAML reads `{node.value}` as {value}", hint)
             return node.value if isinstance(value, date) else value  # JSON and resolved files have no dates
         except (ValueError, KeyError, OverflowError, yaml.YAMLError):
             kind = _KINDS.get(node.tag.removeprefix(_STANDARD), "value of that tag")

@@ -155,9 +155,8 @@ def _finish(loading: _Loading, tree: Any) -> Any:
     count = _count(tree, {})
     if count > MAX_VALUES:
         message = f"with its aliases and includes it has {count:.3g} values; at most {MAX_VALUES:,} are allowed"
-        raise ConfigError(
-            Problem(message, location=locate(tree, ()), hint="use fewer aliases, or a template (`count`)")
-        )
+        hint = "use fewer aliases, or a template (`count`)"
+        raise ConfigError(Problem(message, location=locate(tree, ()), hint=hint))
     return tree
 
 

@@ -115,9 +115,8 @@ def _with_item(items: list[Any], name: str, value: Any, location: Location | Non
         raise ConfigError(Problem(text, location=location, hint=hint))
     pairs = marked(items)
     item, mark = pairs[found[0]]
-    over = (
-        [] if isinstance(value, Removal) else [(_over(item, value), mark if isinstance(value, Mapping) else location)]
-    )
+    where = mark if isinstance(value, Mapping) else location
+    over = [] if isinstance(value, Removal) else [(_over(item, value), where)]
     return with_marks([*pairs[: found[0]], *over, *pairs[found[0] + 1 :]], getattr(items, "location", None))
 
 
@@ -163,9 +162,8 @@ def append(merged: LocatedDict, key: str, items: Any, location: Location | None)
         ConfigError: There is no such list, or what is appended is not a list.
     """
     if key not in merged:
-        raise ConfigError(
-            Problem(f"there is no list `{key}` to append to", key + APPEND, location, did_you_mean(key, _lists(merged)))
-        )
+        hint = did_you_mean(key, _lists(merged))
+        raise ConfigError(Problem(f"there is no list `{key}` to append to", key + APPEND, location, hint))
     base = merged.get(key)
     for value, what in ((items, f"`{key}{APPEND}`"), (base, f"`{key}`, to which it appends,")):
         if not isinstance(value, list):

@@ -80,12 +80,8 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     if kind == "missing":
         item = error["loc"][-1] if error.get("loc") else ""
         return f"item {item} of the list is missing" if isinstance(item, int) else "the key is missing", ""
-    if kind == "functor_key":
-        return said, ""
-    if kind == "value_error":
-        return said.removeprefix("Value error, "), ""
-    if kind == "assertion_error":
-        return said.removeprefix("Assertion failed, "), ""
+    if kind in ("functor_key", "value_error", "assertion_error"):
+        return said.removeprefix("Value error, ").removeprefix("Assertion failed, "), ""
     given = error.get("input")
     want = wanted(error)
     if want:
@@ -191,11 +187,8 @@ def problems_of(error: ValidationError, tree: Any, model: type[BaseModel] | None
     return list(dict.fromkeys(_problem(fault, tree, model) for fault in _without_unions(faults)))
 
 
-@dataclass(frozen=True)
-class _Label:
+class _Label(str):
     """Name of a union's member in the path of an error."""
-
-    text: str
 
 
 class _Fault(NamedTuple):
@@ -228,7 +221,7 @@ def _without_unions(faults: list[_Fault]) -> list[_Fault]:
     unions: dict[tuple[Any, ...], dict[str, list[_Fault]]] = defaultdict(lambda: defaultdict(list))
     for path, rest, error in map(_next_union, faults):
         if rest:
-            unions[path][rest[0].text].append(_Fault(path, rest[1:], error))
+            unions[path][rest[0]].append(_Fault(path, rest[1:], error))
         else:
             kept.append(_Fault(path, rest, error))
     for path, members in unions.items():

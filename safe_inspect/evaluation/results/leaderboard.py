@@ -231,11 +231,9 @@ class Standing:
     @property
     def cells(self) -> tuple[str, ...]:
         """The cells of its row in the table."""
-        known = {column: self.figures.get(column) for column in _COLUMNS}
-        texts = {
-            column: "-" if value is None else _COLUMNS[column].format(value).replace("%", " %")
-            for column, value in known.items()
-        }
+        texts = dict.fromkeys(_COLUMNS, "-")
+        for column, value in self.figures.items():
+            texts[column] = "-" if value is None else _COLUMNS[column].format(value).replace("%", " %")
         if self.interval is not None:
             texts["success"] += f" ({100.0 * self.interval.low:.1f} to {100.0 * self.interval.high:.1f})"
         return (self.name, *texts.values())

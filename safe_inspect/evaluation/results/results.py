@@ -126,21 +126,15 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimates as plain dictionaries and numbers for JSON; several agents are under ``agents``."""
-        agents = {name: _as_dict(block, self.estimates[name]) for name, block in self.blocks.items()}
-        found = agents.pop("")
+        agents: dict[str, Any] = {}
+        for name, block in self.blocks.items():
+            interval = for_json(block.success_interval)
+            success = {"rate": block.success_rate, "interval": interval, "statuses": block.statuses}
+            figures = {figure: item.as_dict() for figure, item in self.estimates[name].items()}
+            agents[name] = {"success": success, "figures": figures}
+        found: dict[str, Any] = agents.pop("")
         return found | ({"agents": agents} if agents else {})
 
 
 def _names(status: AnyArray) -> AnyArray:
     return np.array([item.name.lower() for item in DoneStatus])[status]
-
-
-def _as_dict(block: Block, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {
-        "success": {
-            "rate": block.success_rate,
-            "interval": for_json(block.success_interval),
-            "statuses": block.statuses,
-        },
-        "figures": {name: item.as_dict() for name, item in estimates.items()},
-    }

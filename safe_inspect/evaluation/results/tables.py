@@ -101,16 +101,8 @@ def span(interval: Interval) -> str:
 
 def _row(name: str, item: Estimate, episodes: int) -> Row:
     unit = item.unit if item.count == episodes else f"{item.unit} ({item.count} of {episodes})"
-    return (
-        name,
-        number(item.mean),
-        number(item.standard_deviation),
-        number(item.iqm),
-        span(item.iqm_interval),
-        number(item.minimum),
-        number(item.maximum),
-        unit,
-    )
+    centre = map(number, (item.mean, item.standard_deviation, item.iqm))
+    return (name, *centre, span(item.iqm_interval), number(item.minimum), number(item.maximum), unit)
 
 
 def pooled_table(evaluations: Sequence[Evaluation]) -> str:
@@ -234,7 +226,7 @@ def _check_same_episodes(first: Evaluation, other: Evaluation) -> None:
     ):
         if one != another:
             raise EvaluationError(f"{who}: the {what} is {one} in one and {another} in the other; {remedy}")
-    apart = list(differing_keys(first.record["task"], other.record["task"]))
+    apart = differing_keys(first.record["task"], other.record["task"])
     if apart:
         shown = ", ".join(apart[:3]) + (", ..." if len(apart) > 3 else "")
         what = f"their tasks differ in {shown}"

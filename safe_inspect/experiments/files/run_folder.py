@@ -19,7 +19,7 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from typing import Any
 from safe_inspect.config.keys.rllib_keys import PLACE_KEYS
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError, OutputError
+from safe_inspect.evaluation.task import differences
 from safe_inspect.outputs import new_file
 from safe_inspect.version import __version__
 
@@ -74,19 +75,6 @@ def digest(configuration: Mapping[str, Any]) -> str:
     """Return a short hash of a configuration that does not depend on the order of its keys."""
     text = json.dumps(configuration, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def changed_values(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield the paths at which two configurations differ, with both values."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        for key in sorted({*old, *new}):
-            where = f"{path}.{key}" if path else str(key)
-            yield from changed_values(old.get(key, _MISSING), new.get(key, _MISSING), where)
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for index, (left, right) in enumerate(zip(old, new, strict=True)):
-            yield from changed_values(left, right, f"{path}[{index}]")
-    elif old != new:
-        yield path, old, new
 
 
 def without(value: Any, names: Collection[str]) -> Any:
@@ -249,7 +237,7 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
         return
     found = [
         f"  {path}: {short_text(old)} in the run, {short_text(new)} now"
-        for path, old, new in changed_values(record["configuration"], configuration)
+        for path, old, new in differences(record["configuration"], configuration, missing=_MISSING)
     ]
     shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
     raise CheckpointError(

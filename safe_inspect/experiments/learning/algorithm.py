@@ -166,11 +166,8 @@ def default_config(algorithm: str) -> AlgorithmConfig:
 def attribute_names(config: AlgorithmConfig) -> set[str]:
     """Return the names of the public attributes and settable properties of a configuration, without removed ones."""
     names = {name for name, value in vars(config).items() if not (type(value) is int and value == _UNSET)}
-    names |= {
-        name
-        for name, member in inspect.getmembers(type(config), lambda item: isinstance(item, property))
-        if member.fset is not None
-    }
+    settable = inspect.getmembers(type(config), lambda item: isinstance(item, property) and item.fset is not None)
+    names |= dict(settable).keys()
     return {name for name in names if not name.startswith("_")}
 
 

@@ -126,13 +126,7 @@ def clipped_surrogate(advantage: float, ratio: float, clip: float) -> tuple[floa
 
 @njit(nogil=True)
 def policy_gradient(
-    rows: IntArray,
-    inputs: AnyArray,
-    form: Form,
-    sampled: Sampled,
-    terms: Terms,
-    gradient: AnyArray,
-    sums: FloatArray,
+    rows: IntArray, inputs: AnyArray, form: Form, sampled: Sampled, terms: Terms, gradient: AnyArray, sums: FloatArray
 ) -> None:
     """Compute the gradient of the policy's loss with respect to the inputs of its action distribution.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import warnings
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -116,10 +116,11 @@ def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[s
         wanted: Function that returns whether a policy learns.
     """
     found: dict[str, list[Any]] = {}
-    for episode in _single(episodes):
-        name = str(episode.module_id or DEFAULT_MODULE_ID)
-        if len(episode) and wanted(name):
-            found.setdefault(name, []).append(episode)
+    for whole in episodes:
+        for episode in whole.agent_episodes.values() if hasattr(whole, "agent_episodes") else (whole,):
+            name = str(episode.module_id or DEFAULT_MODULE_ID)
+            if len(episode) and wanted(name):
+                found.setdefault(name, []).append(episode)
     return {name: _batch(pieces) for name, pieces in found.items()}
 
 
@@ -145,11 +146,6 @@ def minibatches(rows: int, size: int | None, epochs: int, shuffled: bool, seed: 
     else:
         order = np.concatenate([generator.permutation(rows) for _ in range(passes)])
     return order[: count * size].reshape(count, size)
-
-
-def _single(episodes: Iterable[Any]) -> Iterator[Any]:
-    for episode in episodes:
-        yield from episode.agent_episodes.values() if hasattr(episode, "agent_episodes") else (episode,)
 
 
 def _batch(pieces: list[Any]) -> Batch:

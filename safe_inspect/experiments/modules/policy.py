@@ -159,7 +159,7 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
         raise CheckpointError(f"{title}: the policy has the unknown setting `{unknown[0]}` of another version")
     try:
         kind: Any = SacPolicy if TWIN_Q in weights.model else DqnPolicy if CHOICES in weights.model else FreshPolicy
-        module = kind(
+        module: FreshPolicy | SacPolicy | DqnPolicy = kind(
             observation_space=weights.observation_space,
             action_space=weights.action_space,
             model_config={**weights.model, "initial_weights": None},
@@ -168,8 +168,7 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
     except Exception as error:  # RLlib raises many kinds of errors for invalid settings
         raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
     load_arrays(module, weights.arrays, title)
-    found: FreshPolicy | SacPolicy | DqnPolicy = module
-    return found
+    return module
 
 
 def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
@@ -180,14 +179,10 @@ def _check_zero(elements: Iterable[Mapping[str, Any]]) -> None:
     """
     for element in elements:
         if element["offset"] and not element["levels"]:
-            raise ConfigError(
-                Problem(
-                    f"a hurdle policy coasts by actions of 0, for which {element['name']} gives {element['offset']:g} "
-                    f"{element['unit']}",
-                    "agent_config",
-                    hint="give the controller limits that are symmetric about 0",
-                )
-            )
+            given = f"{element['name']} gives {element['offset']:g} {element['unit']}"
+            text = f"a hurdle policy coasts by actions of 0, for which {given}"
+            hint = "give the controller limits that are symmetric about 0"
+            raise ConfigError(Problem(text, "agent_config", hint=hint))
 
 
 def policy_spec(
@@ -216,13 +211,12 @@ def policy_spec(
         starting_weights(own["initial_weights"], {INFO: info})  # raises errors here and not in RLlib's processes
         if own["initial_weights"] not in shipped_policies():  # RLlib's processes have other working directories
             own["initial_weights"] = str(Path(own["initial_weights"]).absolute())
-    settings = {**dataclasses.asdict(known), **({} if algorithm == "SAC" else own), INFO: info}
-    if algorithm == "DQN":
-        settings = dataclasses.asdict(known)
-        if info:
-            settings |= {CHOICES: choices_of(info), INFO: {**info, "distribution": "greedy"}}
-        return RLModuleSpec(module_class=DqnPolicy, model_config=settings)
-    kinds = {"SAC": SacPolicy, "APPO": AppoPolicy}
+    settings = dataclasses.asdict(known)
+    if algorithm != "DQN":
+        settings |= {**({} if algorithm == "SAC" else own), INFO: info}
+    elif info:
+        settings |= {CHOICES: choices_of(info), INFO: {**info, "distribution": "greedy"}}
+    kinds: dict[str, Any] = {"SAC": SacPolicy, "APPO": AppoPolicy, "DQN": DqnPolicy}
     return RLModuleSpec(module_class=kinds.get(algorithm, FreshPolicy), model_config=settings)
 
 

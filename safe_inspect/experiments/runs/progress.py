@@ -44,10 +44,7 @@ COLUMNS: dict[str, str] = {
     "evaluation_delta_v": "evaluation/env_runners/delta_v",
 }
 
-_REWARD = "env_runners/reward/"
-_INTERVENTIONS = "env_runners/interventions"
-_AGENTS = "env_runners/agents/"
-_LEARNERS = "learners/"
+_RUNNERS, _LEARNERS = "env_runners/", "learners/"
 _SINGLE = "default_policy"
 _LEARNER_VALUES = ("policy_loss", "vf_loss", "entropy", "mean_kl_loss", "vf_explained_var")
 _ENDLESS = 1e15  # larger limits mean "no limit"; safe-autonomy-sims uses 9e18
@@ -70,15 +67,12 @@ def flatten(result: Mapping[str, Any], prefix: str = "") -> dict[str, float]:
 def row_of(flat: Mapping[str, float]) -> dict[str, float]:
     """Return the row of progress.csv for a flattened result; values that are not known yet are NaN."""
     row = {column: flat.get(key, math.nan) for column, key in COLUMNS.items()}
+    row |= {key.removeprefix(_RUNNERS): flat[key] for key in sorted(flat) if key.startswith(f"{_RUNNERS}reward/")}
+    if f"{_RUNNERS}interventions" in flat:  # a safety filter is enabled
+        row["interventions"] = flat[f"{_RUNNERS}interventions"]
+    row |= {key.removeprefix(_RUNNERS): flat[key] for key in sorted(flat) if key.startswith(f"{_RUNNERS}agents/")}
     for key in sorted(flat):
-        if key.startswith(_REWARD):
-            row[f"reward/{key.removeprefix(_REWARD)}"] = flat[key]
-    if _INTERVENTIONS in flat:  # a safety filter is enabled
-        row["interventions"] = flat[_INTERVENTIONS]
-    for key in sorted(flat):
-        if key.startswith(_AGENTS):
-            row[f"agents/{key.removeprefix(_AGENTS)}"] = flat[key]
-        elif key.startswith(_LEARNERS):
+        if key.startswith(_LEARNERS):
             policy, _, name = key.removeprefix(_LEARNERS).partition("/")
             if name in _LEARNER_VALUES:
                 row[name if policy == _SINGLE else f"policies/{policy}/{name}"] = flat[key]

@@ -14,11 +14,7 @@ from safe_inspect.experiments.files.checkpoints import INFO, starting_weights
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings, is_searched
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, policy_info, read_policies
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
-from safe_inspect.experiments.settings.translation import (
-    translate_ray,
-    translate_rllib,
-    translate_tune,
-)
+from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
 
 @dataclass(frozen=True)

@@ -85,9 +85,8 @@ def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: 
     ]
     learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
     try:
-        own.path.mkdir(
-            parents=True, exist_ok=True
-        )  # it exists if a run was killed before this suggested trial had started
+        # The folder exists if a run was killed before this suggested trial had started.
+        own.path.mkdir(parents=True, exist_ok=True)
         write_parameters(own.path, trial.values, trial.seed)
     except OSError as error:
         raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
@@ -132,17 +131,11 @@ def trial_table(trials: Sequence[TrialResult]) -> list[str]:
     names = list(dict.fromkeys(name for trial in trials for name in trial.parameters))
     rows = [("trial", *names, "iterations", "return", "success", "checkpoint")]
     for trial in trials:
+        values = (value_text(trial.parameters.get(name)) for name in names)
+        returned = f"{trial.return_mean:.3f}" if math.isfinite(trial.return_mean) else "-"
         success = f"{100 * trial.success_rate:.0f} %" if math.isfinite(trial.success_rate) else "-"
-        rows.append(
-            (
-                trial.folder.name,
-                *(value_text(trial.parameters.get(name)) for name in names),
-                str(trial.iteration),
-                f"{trial.return_mean:.3f}" if math.isfinite(trial.return_mean) else "-",
-                success,
-                trial.checkpoint.name if trial.checkpoint else "-",
-            )
-        )
+        checkpoint = trial.checkpoint.name if trial.checkpoint else "-"
+        rows.append((trial.folder.name, *values, str(trial.iteration), returned, success, checkpoint))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
@@ -247,9 +240,8 @@ def _names(configurations: Sequence[Mapping[str, Any]], files: Sequence[Path]) -
     # The record of an experiment repeats the keys of policies under `rllib_configs` and `policies`.
     flat = [dict(_leaves(without(configuration, {"policy"}))) for configuration in configurations]
     paths = list(dict.fromkeys(path for leaves in flat for path in leaves))
-    differing: dict[
-        tuple[str, ...], None
-    ] = {}  # key and the text of each recipe; used as an ordered set, as agents often have the same
+    # The key and the text of each recipe; used as an ordered set, as agents often have the same.
+    differing: dict[tuple[str, ...], None] = {}
     for path in paths:
         values = [leaves.get(path) for leaves in flat]
         if any(value != values[0] for value in values):

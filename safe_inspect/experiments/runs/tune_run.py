@@ -115,15 +115,8 @@ class Monitor(tune.Callback, tune.Stopper):
         """Seal a checkpoint that Tune has written."""
         flat, path = flatten(trial.last_result), Path(checkpoint.path)
         digest = self.digest if self.single else str(read_run_record(RunFolder(path.parent))["digest"])
-        seal_checkpoint(
-            Checkpoint(
-                path,
-                int(flat.get("training_iteration", 0)),
-                int(flat.get("num_env_steps_sampled_lifetime", 0)),
-                flat.get("time_total_s", 0.0),
-                digest,
-            )
-        )
+        iteration, steps = (int(flat.get(key, 0)) for key in ("training_iteration", "num_env_steps_sampled_lifetime"))
+        seal_checkpoint(Checkpoint(path, iteration, steps, flat.get("time_total_s", 0.0), digest))
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
         """Return whether a trial has reached a limit, or the user has interrupted the training."""
@@ -147,11 +140,8 @@ class Monitor(tune.Callback, tune.Stopper):
                 raise Interrupted(number)
             return
         self.interrupted = True
-        print(
-            "stopping after this iteration, with a checkpoint; interrupt again to stop immediately",
-            file=self.stream,
-            flush=True,
-        )
+        text = "stopping after this iteration, with a checkpoint; interrupt again to stop immediately"
+        print(text, file=self.stream, flush=True)
 
     def close(self) -> None:
         """Close the logs."""
@@ -262,23 +252,14 @@ def run_tune(
     configs = [] if settings.suggested else [made(trial) for trial in settings.trials]
     monitor = Monitor(folder, settings.tune.settings["stop"], stream, digest, start, settings.single)
     folder.failure.unlink(missing_ok=True)
-    where = f"continues after iteration {start.iteration}" if start else "starts"
+    early = "all episodes start again, so the first rows contain those that end early, such as crashes"
+    where = f"continues after iteration {start.iteration}; {early}" if start else "starts"
     if run.resume is not None and not settings.single:
         where = "continues with the trials that have not ended"
-    note = (
-        "; all episodes start again, so the first rows contain those that end early, such as crashes" if start else ""
-    )
     compiles = "code that is not compiled yet on this installation is compiled first, which can take some minutes"
-    print(
-        f"{folder.path}: the training {where}{note}; {compiles}; Ray takes some seconds to start",
-        file=stream,
-        flush=True,
-    )
-    with (
-        monitor.heartbeat,
-        cluster.ray_cluster(settings.ray.settings, processors, folder),
-        monitored(monitor),
-    ):
+    text = f"{folder.path}: the training {where}; {compiles}; Ray takes some seconds to start"
+    print(text, file=stream, flush=True)
+    with monitor.heartbeat, cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
         _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)
         tuner = _tuner(configs, settings, monitor, number, run.resume is not None)
@@ -293,12 +274,7 @@ def run_tune(
 
 
 def _config(
-    run: TrainingRun,
-    settings: Settings,
-    trial: Trial,
-    folder: RunFolder,
-    number: int,
-    start: Checkpoint | None,
+    run: TrainingRun, settings: Settings, trial: Trial, folder: RunFolder, number: int, start: Checkpoint | None
 ) -> AlgorithmConfig:
     experiment = run.experiment
     if not settings.single:

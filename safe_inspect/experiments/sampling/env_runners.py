@@ -32,7 +32,6 @@ from safe_inspect.experiments.sampling.rollout import (
     AgentSlot,
     Rollout,
     agent_slots,
-    agents_by_policy,
     multi_agent_episodes,
     single_agent_episodes,
 )
@@ -165,13 +164,13 @@ def log_episodes(
         log(("agent_episode_return_mean", DEFAULT_AGENT_ID), value)
         log(("module_episode_return_mean", DEFAULT_MODULE_ID), value)
         return
-    for policy, agents in agents_by_policy(slots).items():
-        total = 0.0
-        for agent in agents:
-            value = _mean([report[f"agents/{agent}/return"] for report in recent])
-            log((names.EPISODE_AGENT_RETURN_MEAN, agent), value)
-            log((names.EPISODE_AGENT_STEPS, agent), _mean([report[f"agents/{agent}/length"] for report in recent]))
-            total += value
+    totals = dict.fromkeys((slot.policy for slot in slots), 0.0)
+    for agent, policy in ((slot.agent, slot.policy) for slot in slots):
+        value = _mean([report[f"agents/{agent}/return"] for report in recent])
+        log((names.EPISODE_AGENT_RETURN_MEAN, agent), value)
+        log((names.EPISODE_AGENT_STEPS, agent), _mean([report[f"agents/{agent}/length"] for report in recent]))
+        totals[policy] += value
+    for policy, total in totals.items():
         log((names.EPISODE_MODULE_RETURN_MEAN, policy), total)
 
 
@@ -235,16 +234,12 @@ class _Batched:
         self._sampler = None
         self._done = ()
         self._needs_initial_reset = True
+        context = EnvContext(config, worker_index=self.worker_index or 0)
         make_callback(
             "on_environment_created",
             callbacks_objects=self._callbacks,  # type: ignore[attr-defined]
             callbacks_functions=self.config.callbacks_on_environment_created,
-            kwargs={
-                "env_runner": self,
-                "metrics_logger": self.metrics,
-                "env": self.env,
-                "env_context": EnvContext(config, worker_index=self.worker_index or 0),
-            },
+            kwargs={"env_runner": self, "metrics_logger": self.metrics, "env": self.env, "env_context": context},
         )
 
     def _sample(self, **options: Any) -> list[Any]:
@@ -269,9 +264,7 @@ class _Batched:
     ) -> Rollout:
         assert not random_actions, "the algorithms with a batched runner do not sample random actions"
         if self._sampler is None:
-            make: Any = Sampler
-            if self.env.team.decides:
-                make = partial(DecisionSampler, gamma=self.config.gamma)
+            make: Any = partial(DecisionSampler, gamma=self.config.gamma) if self.env.team.decides else Sampler
             self._sampler = make(
                 self.env.team,
                 self.agent_slots,

@@ -211,14 +211,10 @@ class TeamMultiAgentEnv(StockEnvironment, MultiAgentEnv):
         self._sums.add(transition)
         found = [transition.groups[index] for index in self.team.acting_indices]
         observations = self._by_agent([group.observation for group in found])
-        rewards: AgentDict = {}
-        terminated: AgentDict = {}
-        truncated: AgentDict = {}
-        for agent in self.agents:
-            index, member = self._places[agent]
-            rewards[agent] = float(found[index].reward[0, member])
-            terminated[agent] = bool(found[index].terminated[0, member])
-            truncated[agent] = bool(found[index].truncated[0, member])
+        rewards, terminated, truncated = (
+            {agent: value.item() for agent, value in self._by_agent([getattr(group, name) for group in found]).items()}
+            for name in ("reward", "terminated", "truncated")
+        )
         infos: AgentDict = {agent: {} for agent in self.agents}
         over = bool(transition.over[0])
         self._report(np.flatnonzero(transition.over), transition)

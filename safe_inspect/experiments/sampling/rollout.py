@@ -54,14 +54,6 @@ def agent_slots(environment: TeamEnvironment, policy_of: Callable[[str], str] | 
     )
 
 
-def agents_by_policy(slots: tuple[AgentSlot, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Return the names of the agents of each policy."""
-    found: dict[str, tuple[str, ...]] = {}
-    for slot in slots:
-        found[slot.policy] = (*found.get(slot.policy, ()), slot.agent)
-    return found
-
-
 class Track:
     """The arrays of one group of G agents over N environments and T steps.
 

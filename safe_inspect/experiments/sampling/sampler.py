@@ -31,10 +31,7 @@ _ROOM = 32  # decisions of each agent for which a rollout has room at first
 
 
 def episode_reports(
-    environment: TeamEnvironment,
-    sums: EpisodeAccumulator,
-    rows: Sequence[int] | IntArray,
-    transition: TeamTransition,
+    environment: TeamEnvironment, sums: EpisodeAccumulator, rows: Sequence[int] | IntArray, transition: TeamTransition
 ) -> list[EpisodeReport]:
     """Return the reports of the episodes of some rows; must be called before these rows are reset.
 
@@ -63,20 +60,12 @@ def episode_reports(
     columns |= sums.terms(rows)
     if sums.returns.shape[1] > 1:
         for agent, figures in sums.agents(rows).items():
-            columns |= {f"agents/{agent}/{name}": value for name, value in _of_agent(figures).items()}
+            status = figures.pop("status")
+            own = {"success": status == DoneStatus.WIN, "lost": status == DoneStatus.LOSE}
+            own |= {name.removeprefix(INFO).removeprefix(OWN): value for name, value in figures.items()}
+            columns |= {f"agents/{agent}/{name}": value for name, value in own.items()}
     values = zip(*(column.astype(np.float64).tolist() for column in columns.values()), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in values]
-
-
-def _of_agent(figures: dict[str, AnyArray]) -> dict[str, AnyArray]:
-    """Return the values of an agent by the names under which the training logs them."""
-    columns: dict[str, AnyArray] = {}
-    for name, value in figures.items():
-        if name == "status":
-            columns |= {"success": value == DoneStatus.WIN, "lost": value == DoneStatus.LOSE}
-        else:
-            columns[name.removeprefix(INFO).removeprefix(OWN)] = value
-    return columns
 
 
 class Sampler:
@@ -347,9 +336,7 @@ class DecisionSampler(Sampler):
 
     def _net_for(self, policy: str, rows: int) -> PolicyNet:
         """Return a policy's net for at least `rows` rows; its size is the next power of two."""
-        size = LEAST_ROWS
-        while size < rows:
-            size *= 2
+        size = max(LEAST_ROWS, 1 << (rows - 1).bit_length())
         if (policy, size) not in self._sized:
             self._sized[policy, size] = self._make_net(policy, size)
         return self._sized[policy, size]

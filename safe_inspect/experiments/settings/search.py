@@ -79,9 +79,8 @@ def trials_of(
     for sample, choice in itertools.product(range(num_samples), itertools.product(*grids.values())):
         generator = np.random.default_rng([seed or 0, _DRAWS, len(trials)])
         values = {name: _drawn(value, generator) for name, value in searched.items() if GRID not in value}
-        trial = trial_of(
-            mapping, algorithm, len(trials), {**values, **dict(zip(grids, choice, strict=True))}, sample, seed
-        )
+        values |= dict(zip(grids, choice, strict=True))
+        trial = trial_of(mapping, algorithm, len(trials), values, sample, seed)
         for problem in trial.rllib.problems:
             where = f"with {', '.join(f'{key} {value}' for key, value in trial.values.items())}: {problem.message}"
             problems.setdefault(problem.path, replace(problem, message=where))
@@ -130,9 +129,8 @@ def trial_of(
     """
     values = dict(values)
     seed = sample_seed(values.pop("seed", seed), sample)
-    return Trial(
-        trial_folder_name(number), translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm), seed, values
-    )
+    rllib = translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm)
+    return Trial(trial_folder_name(number), rllib, seed, values)
 
 
 def trial_folder_name(number: int) -> str:

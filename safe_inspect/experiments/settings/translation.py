@@ -85,9 +85,8 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
     settings["metric"], settings["mode"] = run_keys.STOP_RENAMED.get(metric, metric), settings.get("mode") or "max"
     for key in ("checkpoint_score_attribute", "metric"):
         figure = settings.get(key)
-        if (
-            figure and figure not in run_keys.STOP_KEYS and "/" not in figure
-        ):  # callbacks may log values with other names
+        # A name with a slash may be that of a value that a callback logs.
+        if figure and figure not in run_keys.STOP_KEYS and "/" not in figure:
             known = [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED]
             message = f"`{figure}` is never reported"
             problems.append(Problem(message, f"tune_config.{key}", hint=did_you_mean(figure, known)))
@@ -203,11 +202,10 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
         if current_name(str(given)) in ("model_config", "evaluation_config"):
             continue  # the keys of these mappings are checked separately
         word = next(filter(None, map(resolved_by_tune, named_values(value))), "")
+        message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
         if word == EVAL:
             message = "`eval` contains code, which Tune would run; give the value itself"
-            problems.append(Problem(message, f"{path}.{given}"))
-        elif word:
-            message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
+        if word:
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
 
@@ -318,9 +316,7 @@ def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]
     total = batch * max(settings.get("num_learners", 0), 1)
     step = max(runners, 1) * envs * fragment
     if -(-total // step) * step - total > 0.1 * total:
-        message = (
-            f"a batch of {total} cannot be made of fragments of {fragment} steps from "
-            f"{max(runners, 1)} x {envs} environments"
-        )
+        parts = f"fragments of {fragment} steps from {max(runners, 1)} x {envs} environments"
+        message = f"a batch of {total} cannot be made of {parts}"
         problems.append(Problem(message, "rllib_configs.rollout_fragment_length", hint="remove it, or use `auto`"))
     return problems

@@ -50,9 +50,8 @@ def campaign_figure(evaluation: Evaluation) -> Figure:
             axes.set_xlabel(label)
         for axes in panels[:, 0]:
             axes.set(ylabel="missions [%]", ylim=(0.0, 102.0), yticks=(0, 25, 50, 75, 100))
-        figure.text(
-            0.065, 0.965, f"{len(evaluation)} missions, {ends(evaluation.team)}", fontsize=11, color=BLACK, va="top"
-        )
+        title = f"{len(evaluation)} missions, {ends(evaluation.team)}"
+        figure.text(0.065, 0.965, title, fontsize=11, color=BLACK, va="top")
         figure.text(0.065, 0.91, _causes(evaluation), fontsize=9, color=VERMILION, va="top")
     return figure
 

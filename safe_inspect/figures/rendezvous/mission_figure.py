@@ -118,11 +118,9 @@ def _draw_force(axes: Any, record: MissionRecord, rows: AnyArray) -> None:
         axes.step(time, force[:, axis], where="post", color=colour, linewidth=0.9, label="xyz"[axis])
         for plan in record.plans:
             axes.plot(plan.times, plan.force[:, axis], color=colour, linewidth=0.8, linestyle="--")
-    for sign in (-1.0, 1.0):
-        axes.axhline(sign * limit, color=BLACK, linewidth=0.8, label="limit" if sign > 0.0 else None)
-        axes.plot(
-            time, sign * spare, color=GREY, linewidth=1.0, label="limit less the tube's share" if sign > 0.0 else None
-        )
+    for sign, hard, soft in ((-1.0, None, None), (1.0, "limit", "limit less the tube's share")):
+        axes.axhline(sign * limit, color=BLACK, linewidth=0.8, label=hard)
+        axes.plot(time, sign * spare, color=GREY, linewidth=1.0, label=soft)
     axes.set(ylabel="force [N]", ylim=(-1.15 * limit, 1.15 * limit))
     _legend(axes)
 

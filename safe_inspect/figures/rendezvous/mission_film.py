@@ -79,7 +79,7 @@ class MissionFilm(Pictures):
         margin = 1.1 * self.record.config.chaser.radius
         near = [_turned(view, turn).flat(path) for turn in np.linspace(0.0, self._turn, 7)]
         points = np.concatenate([*near, min(reach, swept) * np.array([[-1.0, -1.0], [1.0, 1.0]])])
-        aspect = place[2] * self._size[0] / place[3] / self._size[1]
+        aspect = place[2] * self.size[0] / place[3] / self.size[1]
         show_extent(axes, points.min(axis=0) - margin, points.max(axis=0) + margin, aspect)
         return scene, view
 
