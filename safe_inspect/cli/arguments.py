@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +59,19 @@ def whole_number(text: str, expected: str, least: int = 0, most: float = math.in
     return number
 
 
-#: Types of whole numbers: from 1, from 0, and seeds.
-positive = partial(whole_number, expected="a whole number of at least 1", least=1)
-natural = partial(whole_number, expected="a whole number of at least 0")
-seed = partial(whole_number, expected="a whole number from 0 to 2**64 - 1", most=2**64 - 1)
+def positive(text: str) -> int:
+    """Return a whole number that is at least 1."""
+    return whole_number(text, "a whole number of at least 1", least=1)
+
+
+def natural(text: str) -> int:
+    """Return a whole number that is at least 0."""
+    return whole_number(text, "a whole number of at least 0")
+
+
+def seed(text: str) -> int:
+    """Return a seed."""
+    return whole_number(text, "a whole number from 0 to 2**64 - 1", most=2**64 - 1)
 
 
 def positive_number(text: str, expected: str = "a positive number") -> float:

@@ -36,7 +36,7 @@ NUMBERS: dict[Callable[[str], Any], tuple[dict[str, Any], tuple[str, ...], str]]
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", NUMBERS, ids=lambda kind: NUMBERS[kind][-1])
+@pytest.mark.parametrize("kind", NUMBERS, ids=lambda kind: kind.__name__)
 def test_numbers_within_their_limits_are_taken_and_no_others(kind: Callable[[str], Any]) -> None:
     taken, refused, wanted = NUMBERS[kind]
     for text, value in taken.items():

@@ -6,7 +6,6 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -92,8 +91,12 @@ def _add_episode_arguments(parser: argparse.ArgumentParser, output: str, what: s
     add_option(parser, "--output", "FILE", f"{what} {default}", Path)
 
 
-_number = partial(whole_number, expected="the number of an episode, from 0", most=2**31 - 1)
-_seconds = partial(positive_number, expected="a time above 0 in seconds")
+def _number(text: str) -> int:
+    return whole_number(text, "the number of an episode, from 0", most=2**31 - 1)
+
+
+def _seconds(text: str) -> float:
+    return positive_number(text, "a time above 0 in seconds")
 
 
 def run_draw(arguments: argparse.Namespace) -> int:
