@@ -77,6 +77,7 @@ class DummyTeam:
             )
             self.groups.append(group)
             first += group.size
+        self.safety_filter = None
         self.groups = self.acting = tuple(self.groups)
         self.acting_indices = list(range(len(self.groups)))
         self.spec = SimpleNamespace(team_safety=None)
