@@ -230,8 +230,8 @@ class AgentParameter:
 
 
 StateInput = OwnArray | BodyArray | EnvironmentArray | SensorMemory
-Reading = SensorReading | GlueReading
-RowInput = StateInput | Reading | Intervening | AgentParameter | AnyArray | float
+TermReading = SensorReading | GlueReading
+RowInput = StateInput | TermReading | Intervening | AgentParameter | AnyArray | float
 
 
 def place_of(given: RowInput, scene: Scene) -> InputPlace:

@@ -20,7 +20,7 @@ import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.errors import MissingNameError, PluginValueError
-from safe_inspect.simulators.row_terms.inputs import InputPlace, MemoryBase, Reading, RowInput, Scene, place_of
+from safe_inspect.simulators.row_terms.inputs import InputPlace, MemoryBase, RowInput, Scene, TermReading, place_of
 from safe_inspect.types import AnyArray
 
 _SIGNATURE = "int64(int64, int64, int64, int64, int64)"
@@ -41,9 +41,9 @@ class RowTerm:
     inputs: Sequence[RowInput]
 
     @property
-    def read(self) -> tuple[Reading, ...]:
+    def read(self) -> tuple[TermReading, ...]:
         """The readings of sensors and glues among the inputs, each once."""
-        return tuple({given.key: given for given in self.inputs if isinstance(given, Reading)}.values())
+        return tuple({given.key: given for given in self.inputs if isinstance(given, TermReading)}.values())
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.row_terms.inputs import Intervening, MemoryBase, Reading, Scene
+from safe_inspect.simulators.row_terms.inputs import Intervening, MemoryBase, Scene, TermReading
 from safe_inspect.simulators.row_terms.loops import PlacedTerm, RowTerm, address_of, place_term
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
@@ -35,7 +35,7 @@ class _Known(NamedTuple):
     group: Group
     specs: Any
     placed: PlacedTerm
-    read: tuple[Reading, ...]
+    read: tuple[TermReading, ...]
     intervening: bool
 
 
