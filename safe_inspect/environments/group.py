@@ -87,8 +87,16 @@ class AgentGroup:
         self.observation_layout: Layout = observation_layout(agent)
         self.action_layout: Layout = action_layout(agent)
         decides = self.action_layout.coast is not None and not self.scripted
-        declaring = (agent.sensors, self.safety_filter, agent.scripted_policy, self.remembering)
-        self.group = Group(self.name, first, self.size, *declaring, decides)
+        self.group = Group(
+            self.name,
+            first,
+            self.size,
+            agent.sensors,
+            self.safety_filter,
+            agent.scripted_policy,
+            self.remembering,
+            decides=decides,
+        )
         self.thrusters = Thrusters(agent, dynamics.control_size)
         corners = self.thrusters(np.stack((self.action_layout.low, self.action_layout.high)))
         self.limits = ThrustLimits(read_only(corners.min(axis=0)), read_only(corners.max(axis=0)))
