@@ -26,7 +26,8 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
         p: Quaternions, shape (..., 4).
         q: Quaternions, shape (..., 4).
     """
-    return np.stack(_product(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
+    first, second = ((a[..., 0], a[..., 1], a[..., 2], a[..., 3]) for a in (p, q))
+    return np.stack(_product(first, second), axis=-1)
 
 
 def conjugate(q: FloatArray) -> FloatArray:
@@ -66,17 +67,15 @@ def from_matrix(matrix: FloatArray) -> FloatArray:
         matrix: Rotation matrices, shape (..., 3, 3).
     """
     a, b, c = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
-    squares = np.stack((1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c), axis=-1)  # 4 q_i^2
-    xy, xz, yz = (matrix[..., j, i] + matrix[..., i, j] for i, j in ((0, 1), (0, 2), (1, 2)))
-    xw, yw, zw = (matrix[..., j, i] - matrix[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1)))
-    longest = squares.argmax(axis=-1)
-    products = (
-        (squares[..., 0], xy, xz, xw),
-        (xy, squares[..., 1], yz, yw),
-        (xz, yz, squares[..., 2], zw),
-        (xw, yw, zw, squares[..., 3]),
-    )
-    return normalise(np.stack([np.choose(longest, column) for column in products], axis=-1))
+    multiples = np.empty((*a.shape, 4, 4))  # row i is 4 q_i q
+    for i, square in enumerate((1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c)):
+        multiples[..., i, i] = square
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        multiples[..., i, j] = multiples[..., j, i] = matrix[..., j, i] + matrix[..., i, j]
+    for k, i, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        multiples[..., k, 3] = multiples[..., 3, k] = matrix[..., j, i] - matrix[..., i, j]
+    longest = np.diagonal(multiples, axis1=-2, axis2=-1).argmax(axis=-1)
+    return normalise(np.take_along_axis(multiples, longest[..., None, None], axis=-2)[..., 0, :])
 
 
 def exp(rotation: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import continuous, exp, from_matrix, multiply
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
-_LEVELS = 10  # of the arithmetic-geometric mean; each doubles the correct digits: enough for m1 = 1e-30
+_LEVELS = 10  # of the arithmetic-geometric mean, at most; each doubles the correct digits: enough for m1 = 1e-30
 
 
 def complete_first(m1: FloatArray) -> FloatArray:
@@ -52,7 +52,9 @@ def amplitude(u: FloatArray, m1: FloatArray) -> FloatArray:
         c = 0.5 * (a - b)
         a, b = 0.5 * (a + b), np.sqrt(a * b)
         levels.append((a, b, c))
-    phi: FloatArray = 2.0**_LEVELS * a * u
+        if (a == b).all():  # further levels change nothing
+            break
+    phi: FloatArray = 2.0 ** len(levels) * a * u
     for a, b, c in reversed(levels):
         sine, cosine = np.sin(phi), np.cos(phi)
         phi = 0.5 * (phi + np.arctan2(c * sine, np.sqrt((a * cosine) ** 2 + (b * sine) ** 2)))
@@ -198,8 +200,9 @@ def tumble(
     w = np.empty((len(angular_velocity), len(times), 3))
     constants = _polhode(inertia, angular_velocity)
     steady, moving = constants.steady, ~constants.steady
-    w[steady] = angular_velocity[steady, None]
-    q[steady] = multiply(orientation[steady, None], exp(angular_velocity[steady, None] * times[:, None]))
+    if steady.any():
+        w[steady] = angular_velocity[steady, None]
+        q[steady] = multiply(orientation[steady, None], exp(angular_velocity[steady, None] * times[:, None]))
     if moving.any():
         rows = _Polhode._make(array[moving] for array in constants)
         w[moving], phi, phi0 = _rates(rows, times)

@@ -164,9 +164,9 @@ class EstimationPipeline:
         first = next(begun, len(frames))
         names = frames[first:]
         glued = np.full((len(names), 4), np.nan)
-        for place, name in enumerate(names):
-            if name in relative:
-                glued[place] = from_matrix(relative[name][:3, :3])
+        seen = [name in relative for name in names]
+        if names:
+            glued[seen] = from_matrix(np.stack([relative[name][:3, :3] for name in names if name in relative]))
         times = np.array([self._times[name] for name in names])
         return History.of(times, from_matrix(poses[first:, :3, :3]), glued, self._edges, names)
 

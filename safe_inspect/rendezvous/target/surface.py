@@ -108,26 +108,48 @@ class MeshSurface:
         of = np.concatenate(triangles)
         return SurfacePoints(np.concatenate(points), self.normals[of], of)
 
-    def nearest(self, samples: SurfacePoints, positions: FloatArray, *, coarse: bool = False) -> Offsets:
+    def nearest(
+        self, samples: SurfacePoints, positions: FloatArray, near: IntArray | None = None, *, coarse: bool = False
+    ) -> Offsets:
         """Return positions relative to the nearest of the triangles that carry samples.
 
-        The nearest sample gives a triangle, which is compared with its neighbours.
+        A triangle near the position is compared with its neighbours. If none of these carries samples, the height is
+        infinite.
 
         Args:
             samples: Points on the triangles that count; at least one.
             positions: Positions in M [m], shape (3, n).
-            coarse: Whether to take the triangle of the nearest sample without a comparison.
+            near: Triangles near the positions, shape (n,); None for those of the nearest samples.
+            coarse: Whether to take the near triangle without a comparison; fast for few samples and positions.
         """
-        from scipy.spatial import cKDTree  # slow to import
-
-        tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
-        first = samples.triangles[tree.query(positions.T)[1]]
         counts = np.zeros(len(self.corners), np.bool_)
         counts[samples.triangles] = True
-        candidates = first[:, None] if coarse else np.column_stack([first, self._neighbours[first]])
-        found = Offsets(first.copy(), np.empty(len(first)), np.empty((3, len(first))))
+        if near is None and coarse:
+            near = samples.triangles[_nearest_points(samples.points, positions)]
+        elif near is None:
+            from scipy.spatial import cKDTree  # slow to import
+
+            tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
+            near = samples.triangles[tree.query(positions.T)[1]]
+        candidates = near[:, None] if coarse else np.column_stack([near, self._neighbours[near]])
+        found = Offsets(near.copy(), np.full(len(near), np.inf), np.zeros((3, len(near))))
         _nearest(candidates, counts, positions, self._shape, found.triangles, found.height, found.beyond)
         return found
+
+
+@njit
+def _nearest_points(points: FloatArray, positions: FloatArray) -> IntArray:
+    """Return the index of the point nearest to each position by comparing all, which is fast for few of them."""
+    nearest = np.zeros(positions.shape[1], np.int64)
+    for index in range(positions.shape[1]):
+        x, y, z = positions[0, index], positions[1, index], positions[2, index]
+        smallest = np.inf
+        for k in range(len(points)):
+            dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+            square = dx * dx + dy * dy + dz * dz
+            if square < smallest:
+                smallest, nearest[index] = square, k
+    return nearest
 
 
 @njit
