@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic_core import to_json
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate
+from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
 from safe_inspect.errors import UNREADABLE_ARRAYS, CheckpointError, SafeInspectError
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
@@ -132,6 +132,25 @@ class MissionRecord:
     def position_in_target(self) -> FloatArray:
         """Return the chaser's position in T [m], shape (K, 3)."""
         return rotate(conjugate(self.arrays["target_q"]), self.arrays["x"][:, :3])
+
+    def believed_target(self, row: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return where the chaser believes the target, as seen from its true pose: R and d [m], both in the true T.
+
+        A point p of the target, in T, is believed at ``R p + d``. None if the motion of the target is not known, if
+        the pilot knows the truth, or if the log has no estimates.
+
+        Args:
+            row: The control step.
+        """
+        arrays = {name: array[row] for name, array in self.arrays.items()}
+        if "estimated_q" not in arrays or not 0.0 < arrays["sigma"][0] < 1.0:
+            return None
+        q, position = arrays["q"], arrays["x"][:3]
+        R_TB = to_matrix(conjugate(arrays["target_q"])) @ to_matrix(q)  # noqa: N806
+        T_from_W = to_matrix(conjugate(arrays["estimated_target_q"]))  # noqa: N806
+        rotation = R_TB @ (T_from_W @ to_matrix(arrays["estimated_q"])).T
+        seen = T_from_W @ (arrays["estimated_x"][:3] - arrays["estimated_target_p"])
+        return rotation, rotate(conjugate(arrays["target_q"]), position) - rotation @ seen
 
     def force_in_inertial(self) -> FloatArray:
         """Return the commanded force in W [N], shape (K, 3)."""

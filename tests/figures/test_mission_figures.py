@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from safe_inspect.dynamics.quaternion import exp, multiply, rotate, to_matrix
 from safe_inspect.figures.rendezvous.mission_figure import _plan_clearance, outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_page
@@ -127,6 +129,31 @@ def test_a_film_moves_and_ends_at_the_mating_point(record: MissionRecord) -> Non
     assert (pictures[0] != pictures[-1]).any()
     with pytest.raises(ValueError, match="at least 2 frames"):
         MissionFilm(record, frames=1)
+
+
+def test_a_film_shows_where_the_chaser_believes_the_target(record: MissionRecord) -> None:
+    """The chaser is in error by an attitude, in its frame W too, and by a distance."""
+    arrays, steps = dict(record.arrays), np.arange(STEPS)
+    turn_of_world, error, shift = (
+        exp(np.array([0.2, 0.1, -0.3])),
+        exp(np.array([0.0, 0.0, 0.1])),
+        np.array([0.02, 0.0, 0.0]),
+    )
+    arrays["estimated_q"] = multiply(turn_of_world, arrays["q"])
+    arrays["estimated_target_q"] = multiply(multiply(turn_of_world, arrays["target_q"]), error)
+    arrays["estimated_target_p"] = rotate(turn_of_world, rotate(arrays["target_q"], shift))
+    arrays["estimated_x"] = np.concatenate((rotate(turn_of_world, arrays["x"][:, :3]), arrays["x"][:, 3:]), axis=1)
+    arrays["sigma"] = np.where(steps[:, None] < 5, np.pi, 0.01) * np.ones(2)
+    uncertain = replace(record, arrays=arrays)
+    assert record.believed_target(20) is None
+    assert uncertain.believed_target(4) is None  # not known yet
+    rotation, offset = uncertain.believed_target(20) or (None, None)
+    np.testing.assert_allclose(rotation, to_matrix(error), atol=1e-12)
+    np.testing.assert_allclose(offset, shift, atol=1e-12)
+    exact, film = MissionFilm(record, frames=2, width=320), MissionFilm(uncertain, frames=2, width=320)
+    assert (exact.picture(1) != film.picture(1)).any()
+    assert film._off.get_text().endswith("off by 5.7 deg and 20 mm")
+    assert not exact._off.get_text()
 
 
 def test_the_data_of_a_page_are_plain(record: MissionRecord) -> None:

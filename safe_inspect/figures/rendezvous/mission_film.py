@@ -9,17 +9,19 @@ import numpy as np
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.rendezvous.mission_figure import LEAD
-from safe_inspect.figures.rendezvous.mission_scene import FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
+from safe_inspect.figures.rendezvous.mission_scene import BELIEVED, FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.poses import rotation_log
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
 class MissionFilm(Pictures):
     """Pictures of a mission: the flight in W and in the target's axes, phases and clearance.
 
-    The film starts shortly before the approach.
+    Lines show the edges of the target where the chaser believes them, unless its pilot knows the truth. The film starts
+    shortly before the approach.
 
     Args:
         record: The mission.
@@ -62,6 +64,7 @@ class MissionFilm(Pictures):
         places = ((0.0, 0.13, 0.6, 0.8), (0.6, 0.48, 0.4, 0.42))
         self._scenes = [self._scene(figure, place, bool(index)) for index, place in enumerate(places)]
         figure.text(0.8, 0.905, "in the target's principal axes", fontsize=8, color=GREY, ha="center")
+        self._off = figure.text(0.02, 0.9, "", fontsize=8, color=BELIEVED)
         self._texts = [
             figure.text(place, 0.955, "", fontsize=9.5, color=BLACK, va="center", ha=side)
             for place, side in ((0.02, "left"), (0.16, "left"), (0.985, "right"))
@@ -111,17 +114,18 @@ class MissionFilm(Pictures):
         row, outside, pose = self._moment(time)
         arrays, record = self.record.arrays, self.record
         plan = next((plan for plan in reversed(record.plans) if plan.times[0] <= time + LEAD), None)
-        in_target = pose[1].T @ outside
+        in_target, believed = pose[1].T @ outside, record.believed_target(row)
         for scene, view in self._scenes:
             position = in_target if scene.in_target else outside
             way = np.concatenate((scene.path[self._first : row + 1], position[None]))
             rows = _last_run(np.isfinite(arrays["tube"][: row + 1]))
-            scene.show(pose, _turned(view, share * self._turn), way, plan, rows)
+            scene.show(pose, _turned(view, share * self._turn), way, plan, rows, believed)
         distance = float(np.linalg.norm(in_target - record.target.mating_point))
         phase, clearance = list(Phase)[arrays["state"][row]].value, float(arrays["clearance"][row])
         words = (f"{time:.1f} s", phase, f"clearance {clearance:.2f} m, {distance:.2f} m to the mating point")
         for text, word in zip(self._texts, words, strict=True):
             text.set_text(word)
+        self._off.set_text("" if believed is None else _off(*believed))
         shown = slice(self._first, row + 1)
         self._clearance.set_data(arrays["t"][shown], arrays["clearance"][shown])
         self._now.set_xdata([time, time])
@@ -131,6 +135,12 @@ def _turned(view: Camera, turn: float) -> Camera:
     """Return the view after the camera has turned around the scene by an angle [degrees]."""
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     return view.turned(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def _off(rotation: FloatArray, offset: FloatArray) -> str:
+    """Return the errors with which the chaser believes the target, in words."""
+    angle, distance = np.rad2deg(np.linalg.norm(rotation_log(rotation))), 1e3 * np.linalg.norm(offset)
+    return f"lines: where the chaser believes the target, off by {angle:.2g} deg and {distance:.2g} mm"
 
 
 def _last_run(which: BoolArray) -> AnyArray:

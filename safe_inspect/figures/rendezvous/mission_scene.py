@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SKY, VERMILION, Camera
+from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, PURPLE, SKY, VERMILION, Camera
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference
@@ -23,6 +23,8 @@ _MOST_PATCHES = 24
 #: Brightness of a face that is turned away from the light, as a share of the largest.
 _SHADE = 0.58
 FLIGHT, PLANNED, TUBE, MATING, CAMERA = BLUE, VERMILION, SKY, GREEN, ORANGE
+#: Line of the target where the chaser believes it.
+BELIEVED = PURPLE
 #: Colours of the phases; phases that are not listed take no time.
 PHASE_COLOURS = {
     Phase.CHECKOUT: PALE, Phase.OBSERVE: SKY, Phase.WAIT: "#F0E442", Phase.TRACK: BLUE, Phase.MP_HOLD: GREEN,
@@ -231,6 +233,7 @@ class SceneArtists:
             return axes.plot([], [], color=colour, linewidth=width, linestyle=dashes, zorder=place)[0]
 
         self._faces, self._edges = faces(3.0), strokes(3.1, "#4B5563", 0.55)
+        self._believed = strokes(3.2, BELIEVED, 0.8)
         self._chaser_faces, self._chaser_edges = faces(6.0), strokes(6.1, BLACK, 0.7)
         self._sphere = axes.add_patch(Circle((0.0, 0.0), self._radius, facecolor="none", edgecolor=GREY, linewidth=0.7))
         self._cone_lines = strokes(5.9, CAMERA, 0.9)
@@ -250,7 +253,13 @@ class SceneArtists:
         return best_view(self.path[first:], self._target, np.eye(3) if self.in_target else self._attitude[-1])
 
     def show(
-        self, pose: tuple[FloatArray, FloatArray], view: Camera, way: FloatArray, plan: Plan | None, rows: AnyArray
+        self,
+        pose: tuple[FloatArray, FloatArray],
+        view: Camera,
+        way: FloatArray,
+        plan: Plan | None,
+        rows: AnyArray,
+        believed: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         """Draw a moment.
 
@@ -260,10 +269,14 @@ class SceneArtists:
             way: The flight so far in the picture's frame [m], shape (n, 3).
             plan: The newest plan; None before the first one.
             rows: The control steps whose tube is drawn.
+            believed: Where the chaser believes the target, see `MissionRecord.believed_target`.
         """
         body, target = pose
         rotation = np.eye(3) if self.in_target else target
         self._show_target(view, rotation)
+        turn, offset = believed or (np.eye(3), np.zeros(3))
+        ends = self._target.edges if believed else np.zeros((0, 2, 3))
+        self._believed.set_segments(list(view.flat((ends @ turn.T + offset) @ rotation.T)))
         self.show_path("flight", way, view, rotation)
         if plan is not None:
             self.show_path("plan", plan.position_target if self.in_target else plan.position, view, rotation)
