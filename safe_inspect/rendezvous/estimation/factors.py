@@ -235,23 +235,17 @@ def value_of(values: Any, letter: str, index: int = 0) -> Any:
     return getattr(values, f"at{_TYPES[letter]}")(key(letter, index))
 
 
-def marginal_priors(solver: Any, values: Any, blocks: Sequence[tuple[str, int]]) -> list[tuple[tuple[int, ...], Any]]:
-    """Return priors of variables from their marginals, each with the frames that it concerns.
-
-    The covariances are multiplied by the number of variables: the independent priors are then never more certain than
-    the joint marginal, for any correlation.
+def marginal_factors(factors: Sequence[Any], values: Any, eliminated: Sequence[int]) -> list[Any]:
+    """Return what factors say about their other variables when some are eliminated: factors linear about `values`.
 
     Args:
-        solver: The solver that computes the marginals, a `gtsam.ISAM2`.
-        values: Its solution.
-        blocks: Letter and number of each variable.
+        factors: The factors.
+        values: Values of their variables, a `gtsam.Values`.
+        eliminated: Keys of the variables that are eliminated.
     """
     gtsam = require("gtsam")
-    priors: list[tuple[tuple[int, ...], Any]] = []
-    for letter, index in blocks:
-        name = key(letter, index)
-        covariance = len(blocks) * solver.marginalCovariance(name)
-        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-        factor = getattr(gtsam, f"PriorFactor{_TYPES[letter]}")(name, value_of(values, letter, index), noise)
-        priors.append(((index,) if letter in OF_FRAMES else (), factor))
-    return priors
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.add(factor)
+    _, rest = graph.linearize(values).eliminatePartialMultifrontal(eliminated, gtsam.EliminateQR)
+    return [gtsam.LinearContainerFactor(rest.at(k), values) for k in range(rest.size())]

@@ -16,7 +16,7 @@ from safe_inspect.rendezvous.estimation.factors import (
     edge_factor,
     inertial_factors,
     key,
-    marginal_priors,
+    marginal_factors,
     model_centre_factors,
     rotation_kinematic_factors,
     value_of,
@@ -46,7 +46,7 @@ class ISAM2BackEnd(Plugin):
     """Factor graph of inertial samples, relative poses and a centre of mass at rest in W, solved by iSAM2.
 
     Attributes:
-        largest: Number of frames beyond which the older half is replaced by priors.
+        largest: Number of frames beyond which the older half is eliminated.
         memory: Correlation time of the errors of poses relative to the model [s]: their covariances are multiplied by
             ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent errors.
     """
@@ -305,28 +305,36 @@ class PoseGraph:
 
     def _forget_edges(self) -> None:
         """Remove all factors that concern G, so that another frame becomes its root; keep the chaser's motion."""
-        values, target = self._gtsam.Values(self._solution), set("gyomz")
+        gtsam = self._gtsam
+        values, target = gtsam.Values(self._solution), set("gyomz")
         values.insert(self._values)
         factors = [one for one in self._kept if target.isdisjoint(map(self._letter, one[1].keys()))]
+        # What was eliminated before tells about both.
+        older = [factor for _, factor in self._kept if isinstance(factor, gtsam.LinearContainerFactor)]
+        names = {name for factor in older for name in factor.keys() if self._letter(name) in target}  # noqa: SIM118
+        if names:
+            older += [factor for at, factor in self._kept if factor not in older and names.issuperset(factor.keys())]
+            factors = [one for one in factors if one[1] not in older]
+            factors += self._eliminated(older, values, names)
         self._restart(factors, values, lambda letter, index: letter in target)
         self._reached = set()
 
     def _forget(self) -> None:
-        """Rebuild the graph from its newer half, with `marginal_priors` in place of the older half."""
+        """Eliminate the variables of the older half of the frames."""
         frames = self.frames[len(self.frames) // 2 :]
         kept, values = set(frames), self._solver.calculateEstimate()
-        rooted = [frame for frame in frames if frame in self._reached][:1]
-        blocks = [("X", frames[0]), ("M", 0)] if self._has_model else [("X", frames[0])]
-        blocks += [("G", frame) for frame in rooted]
-        blocks += [("V", frames[0]), ("B", frames[0]), ("P", 0), *([("O", 0)] if self._reached else [])]
-        factors = marginal_priors(self._solver, values, blocks)
-        for at, factor in self._kept:
-            is_prior_of_constant = not at and len(factor.keys()) == 1 and factor.keys()[0] != key("Z")
-            if kept.issuperset(at) and not is_prior_of_constant:
-                factors.append((at, factor))
+        older = [factor for at, factor in self._kept if not kept.issuperset(at)]
+        names = {name for factor in older for name in self._of_frames(factor)}
+        gone = {name for name in names if self._gtsam.symbolIndex(name) not in kept}
+        factors = [one for one in self._kept if kept.issuperset(one[0])] + self._eliminated(older, values, gone)
         self._restart(factors, values, lambda letter, index: letter in OF_FRAMES.lower() and index not in kept)
         self.frames, self._reached = frames, self._reached & kept
         self._solve(frames[-1])
+
+    def _eliminated(self, factors: list[Any], values: Any, names: set[int]) -> list[tuple[tuple[int, ...], Any]]:
+        """Return `marginal_factors` with the frames that they concern."""
+        found = marginal_factors(factors, values, sorted(names))
+        return [(tuple({self._gtsam.symbolIndex(name) for name in self._of_frames(one)}), one) for one in found]
 
     def _restart(
         self, factors: list[tuple[tuple[int, ...], Any]], values: Any, is_dropped: Callable[[str, int], bool]
@@ -335,11 +343,16 @@ class PoseGraph:
         gtsam = self._gtsam
         self._solver = gtsam.ISAM2(self._solver.params())
         self._factors, self._values, self._kept = gtsam.NonlinearFactorGraph(), values, []
+        self._solution = gtsam.Values()
         for at, factor in factors:
             self._add(factor, *at)
         for name in list(values.keys()):
             if is_dropped(self._letter(name), gtsam.symbolIndex(name)):
                 values.erase(name)
+
+    def _of_frames(self, factor: Any) -> list[int]:
+        """Return the keys of a factor that belong to frames."""
+        return [name for name in factor.keys() if self._letter(name) in OF_FRAMES.lower()]  # noqa: SIM118
 
     def _letter(self, name: int) -> str:
         """Return the lower-case letter of a key."""

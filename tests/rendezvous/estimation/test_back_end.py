@@ -240,6 +240,50 @@ def test_the_graph_stays_bounded() -> None:
     np.testing.assert_allclose(estimate.centre, 0.0, atol=5e-3)
 
 
+def _measured(*, odometry: bool, model: bool) -> list[Edge]:
+    """Return noisy edges of 60 frames; poses relative to the model begin at the seventh frame."""
+    poses, rng = watched_poses(_TARGET, 60), np.random.default_rng(0)
+    sigma = 4e-3
+    of_model = [
+        Edge(MODEL, k, perturbed(T_MB, sigma * rng.normal(size=6)), sigma**2 * np.eye(6), 1.0, "model")
+        for k, T_MB in enumerate(poses)
+        if k > 5
+    ]
+    return [*(_noisy(poses, 3, 2) if odometry else []), *(of_model if model else [])]
+
+
+def _errors(covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.diag(covariance)))
+
+
+@pytest.mark.parametrize(("odometry", "model"), [(True, True), (True, False), (False, True)])
+def test_the_elimination_of_older_frames_loses_nothing(odometry: bool, model: bool) -> None:
+    """Nine times half of the frames are eliminated; estimate and covariances are those of the whole graph."""
+    edges, centre = _measured(odometry=odometry, model=model), CentrePrior(np.zeros(3), 0.3)
+    whole, part = (_graph(edges, list(range(60)), centre, largest).estimate() for largest in (600, 12))
+    assert whole.relative is not None
+    assert part.relative is not None
+    # Factors are linearised once when they are eliminated, which matters for odometry alone.
+    near = 2e-4 if model else 0.01
+    np.testing.assert_allclose(part.chaser, whole.chaser, atol=near)
+    np.testing.assert_allclose(part.relative, whole.relative, atol=near)
+    np.testing.assert_allclose(part.centre, whole.centre, atol=near)
+    for name in ("chaser_covariance", "velocity_covariance", "centre_covariance"):
+        np.testing.assert_allclose(_errors(getattr(part, name)), _errors(getattr(whole, name)), rtol=0.01, err_msg=name)
+
+
+def test_a_model_that_comes_after_an_elimination_keeps_the_motion_of_the_chaser() -> None:
+    edges = [one for one in _measured(odometry=True, model=True) if (one.second < 30) == (one.first != MODEL)]
+    edges = [one for one in edges if not 30 <= one.second < 33]
+    whole, part = (
+        _graph(edges, list(range(60)), CentrePrior(np.zeros(3), 0.3), largest).estimate() for largest in (600, 12)
+    )
+    np.testing.assert_allclose(part.chaser, whole.chaser, atol=0.05)
+    # The eliminated odometry still tells where the centre of mass is in W.
+    assert (_errors(part.chaser_covariance) <= 1.01 * _errors(whole.chaser_covariance)).all()
+    np.testing.assert_allclose(_errors(part.centre_covariance), _errors(whole.centre_covariance), rtol=0.01)
+
+
 def _nees(estimate: GraphEstimate) -> float:
     """Return the squared error of the centre in B over its covariance; nothing is aligned to the truth."""
     found = estimate.chaser[:3, :3].T @ (estimate.centre - estimate.chaser[:3, 3])
