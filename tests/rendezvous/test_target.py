@@ -210,23 +210,6 @@ def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:
     np.testing.assert_allclose(boxes.distance(foot[outside]), 0.0, atol=1e-9)
 
 
-def test_near_triangles_are_compared_with_their_neighbours() -> None:
-    surface = MeshSurface(mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.array([[0.5, 0.3, 0.1]]))))
-    samples = surface.sample(0.02)
-    points = samples.points + 0.05 * samples.normals + np.random.default_rng(0).normal(0.0, 0.01, samples.points.shape)
-    searched, found = (surface.nearest(samples, points.T, near) for near in (None, samples.triangles))
-    distances = [np.sqrt(one.height**2 + (one.beyond**2).sum(axis=0)) for one in (searched, found)]
-    np.testing.assert_allclose(distances[1], distances[0], atol=1e-3)  # at a corner, three faces are near
-    assert np.mean(np.abs(distances[1] - distances[0]) < 1e-12) > 0.99
-    assert (found.triangles != samples.triangles).any()
-    # Nothing is known of a triangle that does not count if no neighbour does.
-    upper = samples.facing(np.array([0.0, 0.0, 5.0]))
-    lower = np.flatnonzero(surface.normals[:, 2] < -0.5)[:1]
-    away = surface.nearest(upper, np.array([[0.0], [0.0], [-0.2]]), lower)
-    assert np.isinf(away.height[0])
-    assert not away.beyond.any()
-
-
 def test_samples_are_as_dense_as_asked_and_lie_on_the_surface() -> None:
     boxes = EnvisatTarget()().solid
     surface = MeshSurface(mesh_of_boxes(boxes))

@@ -15,14 +15,12 @@ from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inver
 from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.surface import MeshSurface
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import FloatArray
 
 #: A step shorter than this ends the iteration [rad, m].
 _CONVERGED = 1e-4
 #: Largest component of a step [rad, m].
 _LARGEST_STEP = 0.2
-#: A step shorter than this keeps the triangles to which points are compared [rad, m].
-_SHORT_STEP = 5e-3
 #: Distance to the surface beyond which points do not count [m].
 _CUT = 0.03
 #: Distance between the points that represent the surface, relative to the swept radius, for tracking and for a search.
@@ -99,21 +97,18 @@ class ModelRegistration:
             widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
             coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
         """
-        pose, near = start, None
+        pose = start
         prior = np.zeros((6, 6)) if information is None else information
         for step in range(iterations + 1):
-            wider = max(widening * (1.0 - step / 3.0), 1.0)
-            found, gradient, near = self.linearise(cloud, pose, wider, near, coarse=coarse)
+            found, gradient = self.linearise(cloud, pose, max(widening * (1.0 - step / 3.0), 1.0), coarse=coarse)
             if step == iterations:
                 break
             pull = prior @ difference(start, pose)
             damping = np.diag(1e-6 * np.diag(found.hessian) + 1e-6)
             move = -np.linalg.solve(found.hessian + prior + damping, gradient + pull)
-            largest = float(np.abs(move).max())
-            if largest < _CONVERGED and step >= 3:
+            if np.abs(move).max() < _CONVERGED and step >= 3:
                 break
-            pose = perturbed(pose, np.asarray(move / max(largest / _LARGEST_STEP, 1.0)))
-            near = near if largest < _SHORT_STEP and not coarse else None
+            pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))
         # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
@@ -123,36 +118,28 @@ class ModelRegistration:
         return replace(found, excess=excess, systematic=systematic)
 
     def linearise(
-        self,
-        cloud: Cloud,
-        pose: FloatArray,
-        widening: float = 1.0,
-        near: IntArray | None = None,
-        *,
-        coarse: bool = False,
-    ) -> tuple[Registration, FloatArray, IntArray]:
-        """Return the normal equations of a frame at a pose.
+        self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False
+    ) -> tuple[Registration, FloatArray]:
+        """Return the normal equations of a frame at a pose: a registration that stays there, and the gradient, (6,).
 
-        These are a registration that stays there, the gradient, shape (6,), and the nearest triangle of each point. The
-        excess is the mean weighted square of the residuals.
+        The excess is the mean weighted square of the residuals.
 
         Args:
             cloud: The cleaned frame.
             pose: T_MB, shape (4, 4).
             widening: Factor of the cut.
-            near: Triangles near the points, shape (n,); None to search them.
             coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
         """
         mount = self._T_BC
         samples = (self.coarse_samples if coarse else self.samples).facing((pose @ mount)[:3, 3])
         noise = self._noise._replace(cut=self._noise.cut * widening)
         sums, number = np.zeros((7, 7)), max(len(cloud), 1)
-        distance, inliers, near = add_surface(sums, self.surface, samples, pose, cloud, noise, near, coarse=coarse)
+        distance, inliers = add_surface(sums, self.surface, samples, pose, cloud, noise, coarse=coarse)
         squares = float(sums[6, 6])
         far, shown = add_silhouette(sums, samples, pose, cloud, self._camera, mount, noise)
         score = distance / number + far / max(shown, 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
-        return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy(), near
+        return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()
 
 
 def _spread_rotations(count: int) -> FloatArray:

@@ -67,10 +67,9 @@ def add_surface(
     transform: FloatArray,
     cloud: Cloud,
     noise: RangeNoise,
-    near: IntArray | None = None,
     *,
     coarse: bool = False,
-) -> tuple[float, int, IntArray]:
+) -> tuple[float, int]:
     """Add the normal equations of measured points against the triangles that look to the camera.
 
     Points on a triangle that is seen at too flat an angle, or on a patch that has too few points, do not count. The
@@ -84,22 +83,20 @@ def add_surface(
         transform: T_MB, shape (4, 4).
         cloud: The measured points.
         noise: Error model of the camera.
-        near: Triangles near the points, see `MeshSurface.nearest`.
         coarse: Whether to find the nearest triangle approximately, see `MeshSurface.nearest`.
 
     Returns:
-        The sum of the distances of all points to the surface, each at most `FAR` [m], the number of points within the
-        cut, and the nearest triangles.
+        The sum of the distances of all points to the surface, each at most `FAR` [m], and the number of points within
+        the cut.
     """
     if not len(samples.points):
-        return FAR * len(cloud), 0, np.zeros(len(cloud), np.int64)
+        return FAR * len(cloud), 0
     x, y, z = cloud.points.T
     # Without BLAS, whose rounding depends on the processor.
     positions = transform[:3, :1] * x + transform[:3, 1:2] * y + transform[:3, 2:3] * z + transform[:3, 3:]
-    triangles, height, beyond = surface.nearest(samples, positions, near, coarse=coarse)
+    triangles, height, beyond = surface.nearest(samples, positions, coarse=coarse)
     points = (cloud.points, cloud.rays, cloud.ranges)
-    shape = (surface.normals, surface.patches)
-    return *_add_surface(sums, points, transform, shape, triangles, height, beyond, noise), triangles
+    return _add_surface(sums, points, transform, surface.normals, surface.patches, triangles, height, beyond, noise)
 
 
 @njit(error_model="numpy")
@@ -107,14 +104,14 @@ def _add_surface(
     sums: FloatArray,
     measured: tuple[FloatArray, FloatArray, FloatArray],
     transform: FloatArray,
-    shape: tuple[FloatArray, IntArray],
+    normals: FloatArray,
+    patches: IntArray,
     triangles: IntArray,
     height: FloatArray,
     beyond: FloatArray,
     noise: tuple[float, float, float, float],
 ) -> tuple[float, int]:
     points, rays, ranges = measured
-    normals, patches = shape
     sigma0, growth, lateral, cut = noise
     number, limit = len(triangles), cut * cut
     past, square, counts = np.empty(number), np.empty(number), np.zeros(patches.max() + 1)

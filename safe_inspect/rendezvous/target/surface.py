@@ -108,31 +108,29 @@ class MeshSurface:
         of = np.concatenate(triangles)
         return SurfacePoints(np.concatenate(points), self.normals[of], of)
 
-    def nearest(
-        self, samples: SurfacePoints, positions: FloatArray, near: IntArray | None = None, *, coarse: bool = False
-    ) -> Offsets:
+    def nearest(self, samples: SurfacePoints, positions: FloatArray, *, coarse: bool = False) -> Offsets:
         """Return positions relative to the nearest of the triangles that carry samples.
 
-        A triangle near the position is compared with its neighbours. If none of these carries samples, the height is
-        infinite.
+        The nearest sample gives a triangle, which is compared with its neighbours.
 
         Args:
             samples: Points on the triangles that count; at least one.
             positions: Positions in M [m], shape (3, n).
-            near: Triangles near the positions, shape (n,); None for those of the nearest samples.
-            coarse: Whether to take the near triangle without a comparison; fast for few samples and positions.
+            coarse: Whether to take the triangle of the nearest sample without a comparison; fast for few samples and
+                positions.
         """
-        counts = np.zeros(len(self.corners), np.bool_)
-        counts[samples.triangles] = True
-        if near is None and coarse:
-            near = samples.triangles[_nearest_points(samples.points, positions)]
-        elif near is None:
+        if coarse:
+            first = samples.triangles[_nearest_points(samples.points, positions)]
+            candidates = first[:, None]
+        else:
             from scipy.spatial import cKDTree  # slow to import
 
             tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
-            near = samples.triangles[tree.query(positions.T)[1]]
-        candidates = near[:, None] if coarse else np.column_stack([near, self._neighbours[near]])
-        found = Offsets(near.copy(), np.full(len(near), np.inf), np.zeros((3, len(near))))
+            first = samples.triangles[tree.query(positions.T)[1]]
+            candidates = np.column_stack([first, self._neighbours[first]])
+        counts = np.zeros(len(self.corners), np.bool_)
+        counts[samples.triangles] = True
+        found = Offsets(first.copy(), np.empty(len(first)), np.empty((3, len(first))))
         _nearest(candidates, counts, positions, self._shape, found.triangles, found.height, found.beyond)
         return found
 

@@ -116,7 +116,7 @@ def _registrations() -> Any:
         cloud, start = cleaning(_shot(truth, number), T_BC), perturbed(truth, _SMALL)
         for coarse, widening in ((False, 1.0), (True, 2.5)):
             for at in (truth, start, perturbed(truth, -4.0 * _SMALL)):
-                one, gradient, _ = registration.linearise(cloud, at, widening, coarse=coarse)
+                one, gradient = registration.linearise(cloud, at, widening, coarse=coarse)
                 key = f"{name} {widening:g} {len(found)}"
                 found[key] = [one.hessian, gradient, one.score, one.inliers, one.excess]
         prior = np.diag(np.repeat([30.0, 100.0], 3) ** 2)
