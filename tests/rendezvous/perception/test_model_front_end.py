@@ -46,6 +46,20 @@ def test_registration_to_the_model_recovers_a_pose(target: Target, shoot: Shoot,
     assert error @ np.linalg.solve(found.covariance(), error) / 6.0 < 6.0
 
 
+def test_where_a_registration_ends_does_not_depend_on_its_start(target: Target, shoot: Shoot) -> None:
+    """If it did, errors would pass from a prediction to the next frame, and the graph counts them as independent."""
+    registration, cleaning = ModelFrontEnd().registration(target, CAMERA, T_BC), Cleaning(CAMERA, edge=np.inf)
+    random, apart = np.random.default_rng(5), []
+    for number, truth in enumerate(spin(20, period=7.0)):
+        cloud = cleaning(shoot(truth, number), T_BC).thinned(1500)
+        error = np.repeat([np.deg2rad(0.3), 3e-3], 3) * random.normal(size=6)
+        ends = [registration(cloud, start).pose for start in (truth, perturbed(truth, error))]
+        apart.append(difference(*ends))
+    turns, shifts = (np.linalg.norm(np.array(apart)[:, part], axis=1) for part in (slice(3), slice(3, 6)))
+    assert np.rad2deg(np.median(turns)) < 0.02
+    assert np.median(shifts) < 4e-4
+
+
 def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Shoot) -> None:
     registration, cleaning = ModelFrontEnd().registration(target, CAMERA, T_BC), Cleaning(CAMERA)
     for number, truth in enumerate(spin(1, first=(0.9, 0.2, 0.5))):
