@@ -309,7 +309,7 @@ class PoseGraph:
         values, target = gtsam.Values(self._solution), set("gyomz")
         values.insert(self._values)
         factors = [one for one in self._kept if target.isdisjoint(map(self._letter, one[1].keys()))]
-        # What was eliminated before tells about both.
+        # Factors that an elimination has left concern both.
         older = [factor for _, factor in self._kept if isinstance(factor, gtsam.LinearContainerFactor)]
         names = {name for factor in older for name in factor.keys() if self._letter(name) in target}  # noqa: SIM118
         if names:

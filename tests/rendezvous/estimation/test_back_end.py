@@ -279,7 +279,7 @@ def test_a_model_that_comes_after_an_elimination_keeps_the_motion_of_the_chaser(
         _graph(edges, list(range(60)), CentrePrior(np.zeros(3), 0.3), largest).estimate() for largest in (600, 12)
     )
     np.testing.assert_allclose(part.chaser, whole.chaser, atol=0.05)
-    # The eliminated odometry still tells where the centre of mass is in W.
+    # The eliminated odometry still shows where the centre of mass is in W.
     assert (_errors(part.chaser_covariance) <= 1.01 * _errors(whole.chaser_covariance)).all()
     np.testing.assert_allclose(_errors(part.centre_covariance), _errors(whole.centre_covariance), rtol=0.01)
 
