@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic_core import to_json
 
-from safe_inspect.dynamics.quaternion import conjugate, rotate, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, multiply, rotate, to_matrix
 from safe_inspect.errors import UNREADABLE_ARRAYS, CheckpointError, SafeInspectError
 from safe_inspect.rendezvous.coordination.context import Phase
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
@@ -145,12 +145,11 @@ class MissionRecord:
         arrays = {name: array[row] for name, array in self.arrays.items()}
         if "estimated_q" not in arrays or not 0.0 < arrays["sigma"][0] < 1.0:
             return None
-        q, position = arrays["q"], arrays["x"][:3]
-        R_TB = to_matrix(conjugate(arrays["target_q"])) @ to_matrix(q)  # noqa: N806
-        T_from_W = to_matrix(conjugate(arrays["estimated_target_q"]))  # noqa: N806
-        rotation = R_TB @ (T_from_W @ to_matrix(arrays["estimated_q"])).T
-        seen = T_from_W @ (arrays["estimated_x"][:3] - arrays["estimated_target_p"])
-        return rotation, rotate(conjugate(arrays["target_q"]), position) - rotation @ seen
+        to_target, to_believed = conjugate(arrays["target_q"]), conjugate(arrays["estimated_target_q"])
+        body, believed_body = multiply(to_target, arrays["q"]), multiply(to_believed, arrays["estimated_q"])
+        rotation = to_matrix(multiply(body, conjugate(believed_body)))
+        seen = rotate(to_believed, arrays["estimated_x"][:3] - arrays["estimated_target_p"])
+        return rotation, rotate(to_target, arrays["x"][:3]) - rotation @ seen
 
     def force_in_inertial(self) -> FloatArray:
         """Return the commanded force in W [N], shape (K, 3)."""

@@ -34,6 +34,8 @@ _START_ATTITUDE, _START_POSITION, _START_VELOCITY = 1e-4, 1e-4, 1e-3
 #: Standard deviations of the rotation kinematic factor, which constrains the centre of mass to be at rest in W, and of
 #: the factor by which the model's origin is the centre of mass [m].
 _KINEMATIC, _MODEL_CENTRE = 5e-3, 1e-3
+#: Lower-case letters of the variables that belong to a frame.
+_OF_FRAMES = set(OF_FRAMES.lower())
 #: Residual beyond which an edge counts less, in standard deviations.
 _HUBER = 1.345
 #: Change beyond which iSAM2 relinearises a variable [rad, m, m/s].
@@ -311,7 +313,7 @@ class PoseGraph:
         factors = [one for one in self._kept if target.isdisjoint(map(self._letter, one[1].keys()))]
         # Factors that an elimination has left concern both.
         older = [factor for _, factor in self._kept if isinstance(factor, gtsam.LinearContainerFactor)]
-        names = {name for factor in older for name in factor.keys() if self._letter(name) in target}  # noqa: SIM118
+        names = {name for factor in older for name in self._keys_of(factor, target)}
         if names:
             older += [factor for at, factor in self._kept if factor not in older and names.issuperset(factor.keys())]
             factors = [one for one in factors if one[1] not in older]
@@ -324,17 +326,18 @@ class PoseGraph:
         frames = self.frames[len(self.frames) // 2 :]
         kept, values = set(frames), self._solver.calculateEstimate()
         older = [factor for at, factor in self._kept if not kept.issuperset(at)]
-        names = {name for factor in older for name in self._of_frames(factor)}
+        names = {name for factor in older for name in self._keys_of(factor, _OF_FRAMES)}
         gone = {name for name in names if self._gtsam.symbolIndex(name) not in kept}
         factors = [one for one in self._kept if kept.issuperset(one[0])] + self._eliminated(older, values, gone)
-        self._restart(factors, values, lambda letter, index: letter in OF_FRAMES.lower() and index not in kept)
+        self._restart(factors, values, lambda letter, index: letter in _OF_FRAMES and index not in kept)
         self.frames, self._reached = frames, self._reached & kept
         self._solve(frames[-1])
 
     def _eliminated(self, factors: list[Any], values: Any, names: set[int]) -> list[tuple[tuple[int, ...], Any]]:
         """Return `marginal_factors` with the frames that they concern."""
         found = marginal_factors(factors, values, sorted(names))
-        return [(tuple({self._gtsam.symbolIndex(name) for name in self._of_frames(one)}), one) for one in found]
+        index = self._gtsam.symbolIndex
+        return [(tuple({index(name) for name in self._keys_of(one, _OF_FRAMES)}), one) for one in found]
 
     def _restart(
         self, factors: list[tuple[tuple[int, ...], Any]], values: Any, is_dropped: Callable[[str, int], bool]
@@ -350,9 +353,10 @@ class PoseGraph:
             if is_dropped(self._letter(name), gtsam.symbolIndex(name)):
                 values.erase(name)
 
-    def _of_frames(self, factor: Any) -> list[int]:
-        """Return the keys of a factor that belong to frames."""
-        return [name for name in factor.keys() if self._letter(name) in OF_FRAMES.lower()]  # noqa: SIM118
+    def _keys_of(self, factor: Any, letters: set[str]) -> list[int]:
+        """Return the keys of a factor with one of some lower-case letters."""
+        keys = factor.keys()
+        return [name for name in keys if self._letter(name) in letters]
 
     def _letter(self, name: int) -> str:
         """Return the lower-case letter of a key."""

@@ -59,7 +59,7 @@ def _steps(sensor: PoseSensor, frames: int) -> list[tuple[Edge, ...]]:
 
 
 def _graphs() -> Any:
-    """Return what graphs know after every frame: with priors for the older half, jumps, and silence of the unit."""
+    """Return what graphs know after every frame: with the older half eliminated, jumps, and silence of the unit."""
     found = {}
     for name, sensor, largest, memory, late in (
         ("model", PoseSensor(), 12, 2.0, 0),
