@@ -9,14 +9,14 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import row_state
-from safe_inspect.rta.filters.backup.model import PLANS
-from safe_inspect.rta.filters.backup.plans import NO_PLAN
-from safe_inspect.rta.filters.backup.search import MARGINS, verified
-from safe_inspect.rta.filters.backup.workspace import MAX_HALF_SPACES, as_int, workspace
-from safe_inspect.rta.filters.team.plans import PASSED, tested
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter
-from safe_inspect.rta.filters.team.tracking import enter
-from safe_inspect.rta.filters.team.workspace import team_workspace
+from safe_inspect.rta.backup.model import PLANS
+from safe_inspect.rta.backup.plans import NO_PLAN
+from safe_inspect.rta.backup.search import MARGINS, verified
+from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, as_int, workspace
+from safe_inspect.rta.team.plans import PASSED, tested
+from safe_inspect.rta.team.safety_filter import TeamFilter
+from safe_inspect.rta.team.tracking import enter
+from safe_inspect.rta.team.workspace import team_workspace
 
 
 def admissible(run: Any, state: Any, control: np.ndarray) -> np.ndarray:

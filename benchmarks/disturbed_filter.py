@@ -17,8 +17,8 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.evaluation.safety_report import acceptance
 from safe_inspect.rta.audit.audit import audit
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01

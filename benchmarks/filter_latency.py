@@ -20,8 +20,8 @@ import numpy as np  # noqa: E402
 from rta_filter import KINDS, desired_controls, starts  # noqa: E402
 
 from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
+from safe_inspect.rta.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.rta.constraints import RelativeState  # noqa: E402
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 _N, _MASS, _DT = 0.001027, 12.0, 10.0

@@ -25,8 +25,8 @@ from admissible import admissible  # noqa: E402
 from rta_filter import KINDS, desired_controls, starts  # noqa: E402
 
 from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
+from safe_inspect.rta.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.rta.constraints import RelativeState  # noqa: E402
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 #: Candidates of a round: in the ball about the desired thrust, and about the best known.

@@ -21,12 +21,12 @@ import numpy as np
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import TimeOfFlightCamera
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.plugins import FrontEnd, GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.types import FloatArray
 
 _FRONT_ENDS: dict[str, FrontEnd] = {

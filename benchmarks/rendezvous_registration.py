@@ -19,13 +19,13 @@ import numpy as np
 from safe_inspect.geometry.pointing import R_BC, point_camera
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.surface import SurfacePoints
 from safe_inspect.types import FloatArray

@@ -25,9 +25,9 @@ from admissible import admissible  # noqa: E402
 
 from safe_inspect.dynamics.cwh import propagate, transition  # noqa: E402
 from safe_inspect.environments import BatchedEnvironment, load_spec  # noqa: E402
+from safe_inspect.rta.backup.safety_filter import BackupFilter  # noqa: E402
 from safe_inspect.rta.constraints import RelativeState  # noqa: E402
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter  # noqa: E402
-from safe_inspect.rta.filters.continuous import ContinuousFilter  # noqa: E402
+from safe_inspect.rta.continuous import ContinuousFilter  # noqa: E402
 from safe_inspect.simulators.view import FilterResult  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 

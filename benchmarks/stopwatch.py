@@ -9,7 +9,7 @@ from typing import Any
 from unittest.mock import patch
 
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.environments.fused.step import FusedGroup
+from safe_inspect.environments.fused_step import FusedGroup
 from safe_inspect.environments.thrust import Thrusters
 from safe_inspect.simulators import simulator
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import BoolArray, FloatArray
 
 

@@ -26,7 +26,7 @@ from team_flight import TeamFlight  # noqa: E402
 from team_safety import FILTERS, draw_teams, team_report, team_thrust  # noqa: E402
 
 from safe_inspect.figures.drawing import save  # noqa: E402
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState  # noqa: E402
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState  # noqa: E402
 from safe_inspect.types import FloatArray  # noqa: E402
 
 

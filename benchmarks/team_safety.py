@@ -16,7 +16,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+    from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 #: How the thrusts are filtered.
 FILTERS = ("none", "decentralised", "centralised")
@@ -161,7 +161,7 @@ def draw_teams(
     Raises:
         ValueError: After 10,000 draws of every environment some have no start: there is no room for so many deputies.
     """
-    from safe_inspect.rta.filters.team.safety_filter import TeamState
+    from safe_inspect.rta.team.safety_filter import TeamState
 
     generator = np.random.default_rng(seed)
     position, velocity = np.empty((2, teams, deputies, 3))

@@ -20,8 +20,8 @@ from safe_inspect.dynamics import ClohessyWiltshireAttitude
 from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.dynamics.quaternion import rotate_back
 from safe_inspect.random.streams import Streams
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.simulators.resets.initializers import drawn_attitude
 from safe_inspect.simulators.resets.parameters import Draw
 from safe_inspect.types import FloatArray

@@ -15,9 +15,9 @@ import json
 
 import numpy as np
 
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.base import SAFE_DRAWS, safe_states
+from safe_inspect.rta.filters import SAFE_DRAWS, safe_states
 
 MASSES, THRUSTS, STEPS = (12.0, 24.0, 60.0), (1.0, 0.3), (5.0, 10.0, 20.0)
 #: Thrusters that cannot brake against the tide at the largest range and speed: mass, thrust, step.

@@ -23,7 +23,7 @@ from safe_inspect.evaluation.kept import KeptEpisodes, kept_episodes
 from safe_inspect.evaluation.missions import Flights, LocalFlights, fly_missions, mission_task
 from safe_inspect.evaluation.results.files import sha256, write_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.experiments.files.run_folder import git_commit
+from safe_inspect.experiments.modules.run_folder import git_commit
 from safe_inspect.experiments.modules.sources import Candidate
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.missions.scenario import check_scenario

@@ -20,9 +20,9 @@ from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import REPLACED, LocatedDict, ResolvedExperiment, locate, path_text
 from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
-from safe_inspect.config.messages.report import Place, problems_of
-from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models import ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
+from safe_inspect.config.report import Place, problems_of
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.limits import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
+from safe_inspect.config.fields import known_keys, plugin_of
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
 from safe_inspect.config.loading.located import LocatedDict, has, rewritten, value_at, with_value
-from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.models.fields import known_keys, plugin_of
+from safe_inspect.config.models import ExperimentConfig
 
 _TASK = ("config", "config")
 _MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}

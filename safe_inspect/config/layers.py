@@ -9,7 +9,7 @@ from typing import Any
 from safe_inspect.config.loading.loader import load_if_path
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, locate, with_value
 from safe_inspect.config.loading.merge import APPEND, merge, names_of
-from safe_inspect.config.models.experiment import AgentBody, ExperimentConfig, TaskBody
+from safe_inspect.config.models import AgentBody, ExperimentConfig, TaskBody
 from safe_inspect.errors import ConfigError, Problem
 
 #: The keys of a task whose lists of mappings are merged from left to right.

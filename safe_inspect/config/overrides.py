@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from safe_inspect.config.fields import known_keys
 from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
 from safe_inspect.config.known_places import (
     in_plugin,
@@ -28,8 +29,7 @@ from safe_inspect.config.known_places import (
 from safe_inspect.config.loading.loader import COMMAND_LINE, parse
 from safe_inspect.config.loading.located import locate, marked, rewritten, value_at, with_marks, with_value
 from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
-from safe_inspect.config.models.experiment import ExperimentConfig
-from safe_inspect.config.models.fields import known_keys
+from safe_inspect.config.models import ExperimentConfig
 from safe_inspect.errors import ConfigError, Location, Problem
 
 #: An index in the form of messages: ``agent_config[0].policy``.

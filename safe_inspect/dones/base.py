@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from safe_inspect.simulators import Step, View, World
-from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
+from safe_inspect.simulators.row_plugin import RowPlugin, batch_call
 from safe_inspect.types import ArraySpec, BoolArray
 
 

@@ -76,7 +76,7 @@ class TeamEnvironment:
         for group, view in zip(self.groups, self.simulation.views, strict=True):
             group.require_needed(view)
         if _fused:
-            from safe_inspect.environments.fused.step import FusedGroup  # imports Numba, which validation does not need
+            from safe_inspect.environments.fused_step import FusedGroup  # imports Numba, which validation does not need
 
             for group in self.groups:
                 group.fused = FusedGroup(group, self.simulation.world)

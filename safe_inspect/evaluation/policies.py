@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.messages.report import functor_mistakes
+from safe_inspect.config.report import functor_mistakes
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.environments.finite_checks import all_finite
 from safe_inspect.environments.group import AgentGroup

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect import metrics
 from safe_inspect.config.loading.loader import parse
-from safe_inspect.config.messages.report import functor_mistakes
+from safe_inspect.config.report import functor_mistakes
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import Location, SafeInspectError

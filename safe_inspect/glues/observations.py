@@ -14,8 +14,8 @@ from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalizers import Normalization, Normalizer
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.simulators.row_terms.inputs import GlueReading, SensorReading
-from safe_inspect.simulators.row_terms.plugin import RowCalls
+from safe_inspect.simulators.row_inputs import GlueReading, SensorReading
+from safe_inspect.simulators.row_plugin import RowCalls
 from safe_inspect.simulators.view import Group, ReadsState, View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray

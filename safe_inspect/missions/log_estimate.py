@@ -15,13 +15,13 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.missions.record import json_text
 from safe_inspect.missions.sensor_log import TRUTH_PARTS, SensorLog, write_table
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, History, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, Edge, move
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from safe_inspect.config.fields import written_values
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text
-from safe_inspect.config.models.fields import written_values
 from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams

@@ -15,14 +15,14 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.messages.report import validated
-from safe_inspect.config.models.experiment import Model
+from safe_inspect.config.models import Model
+from safe_inspect.config.report import validated
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
 from safe_inspect.errors import UNREADABLE_ARRAYS, ConfigError, Location, Problem
 from safe_inspect.plugins.functor import misplaced
+from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.inertial_unit import ImuNoise, checked_noise
 from safe_inspect.rendezvous.poses import pose
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Length, PositiveLength, Speed
 

@@ -28,10 +28,10 @@ from safe_inspect.missions.sensor_log import (
     write_table,
 )
 from safe_inspect.missions.truth import pose_in_model
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.plugins import MeasuredState
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
 

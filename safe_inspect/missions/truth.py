@@ -15,15 +15,15 @@ from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.record import read_mission
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.depth_camera import DepthFrame, no_frame
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import RendezvousConfig
+from safe_inspect.rendezvous.inertial_unit import Imu, InertialSample
+from safe_inspect.rendezvous.measured_poses import PoseFrame, PoseSensorRun, StateSensorRun
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Command, Reading, Readings
-from safe_inspect.rendezvous.sensors.imu import Imu, InertialSample
-from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensorRun, StateSensorRun
-from safe_inspect.rendezvous.sensors.tof import DepthFrame, no_frame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.simulators.resets.initializers import PositionVelocityInitializer
 from safe_inspect.simulators.resets.parameters import ConstantParameter

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from safe_inspect.platforms.sensor_errors import SensorErrors
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import Simulator, View, World
-from safe_inspect.simulators.row_terms.plugin import RowPlugin, batch_call
+from safe_inspect.simulators.row_plugin import RowPlugin, batch_call
 from safe_inspect.types import ArraySpec, FloatArray
 from safe_inspect.units import PositiveMass, to_si
 

@@ -22,7 +22,7 @@ from safe_inspect.plugins.registry import cause_of, registry
 #: The key of the plugin's name, for the kinds whose key is not ``functor``.
 NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
 
-#: The key that marks a functor's kind in a JSON schema; `safe_inspect.config.messages.schema` replaces the mark with
+#: The key that marks a functor's kind in a JSON schema; `safe_inspect.config.schema` replaces the mark with
 #: the full schema.
 SCHEMA_KIND = "x-functor"
 

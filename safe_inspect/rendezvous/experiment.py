@@ -10,21 +10,21 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
+from safe_inspect.config.fields import written_values
 from safe_inspect.config.loading.loader import import_plugins, load, places
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, ResolvedExperiment, locate, with_value
 from safe_inspect.config.loading.merge import merge
-from safe_inspect.config.messages.report import validated
-from safe_inspect.config.models.experiment import ExperimentConfig, Model
-from safe_inspect.config.models.fields import written_values
+from safe_inspect.config.models import ExperimentConfig, Model
 from safe_inspect.config.overrides import apply_overrides
+from safe_inspect.config.report import validated
 from safe_inspect.errors import ConfigError, Location, Problem
 from safe_inspect.plugins.functor import functor_field, misplaced
 from safe_inspect.rendezvous.control.bound import ConformalBound
+from safe_inspect.rendezvous.depth_camera import TimeOfFlightCamera
+from safe_inspect.rendezvous.inertial_unit import ImuNoise, checked_noise
+from safe_inspect.rendezvous.measured_poses import PoseSensor, StateSensor
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.plugins import MeshTarget
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, checked_noise
-from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.units import PositiveDuration
 

@@ -12,6 +12,8 @@ from safe_inspect.rendezvous.control.tracker import TrackerOutput as TrackerOutp
 from safe_inspect.rendezvous.control.tube import Axis as Axis
 from safe_inspect.rendezvous.control.tube import TrackedReference as TrackedReference
 from safe_inspect.rendezvous.control.tube import TrackingLimits as TrackingLimits
+from safe_inspect.rendezvous.depth_camera import DepthCamera as DepthCamera
+from safe_inspect.rendezvous.depth_camera import DepthFrame as DepthFrame
 from safe_inspect.rendezvous.estimate import BodyState as BodyState
 from safe_inspect.rendezvous.estimate import EstimateErrors as EstimateErrors
 from safe_inspect.rendezvous.estimate import JointErrors as JointErrors
@@ -19,6 +21,10 @@ from safe_inspect.rendezvous.estimate import StateEstimate as StateEstimate
 from safe_inspect.rendezvous.estimate import unknown_estimate as unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext as EstimatorContext
 from safe_inspect.rendezvous.front_end.base import FrontEndContext as FrontEndContext
+from safe_inspect.rendezvous.inertial_unit import ImuNoise as ImuNoise
+from safe_inspect.rendezvous.inertial_unit import InertialSample as InertialSample
+from safe_inspect.rendezvous.measured_poses import PoseFrame as PoseFrame
+from safe_inspect.rendezvous.measured_poses import StateReading as StateReading
 from safe_inspect.rendezvous.planner.checks import Certificate as Certificate
 from safe_inspect.rendezvous.planner.checks import certify as certify
 from safe_inspect.rendezvous.planner.checks import plan_mistake as plan_mistake
@@ -36,11 +42,5 @@ from safe_inspect.rendezvous.poses import Edge as Edge
 from safe_inspect.rendezvous.readings import Command as Command
 from safe_inspect.rendezvous.readings import Reading as Reading
 from safe_inspect.rendezvous.readings import Readings as Readings
-from safe_inspect.rendezvous.sensors.imu import ImuNoise as ImuNoise
-from safe_inspect.rendezvous.sensors.imu import InertialSample as InertialSample
-from safe_inspect.rendezvous.sensors.measured import PoseFrame as PoseFrame
-from safe_inspect.rendezvous.sensors.measured import StateReading as StateReading
-from safe_inspect.rendezvous.sensors.tof import DepthCamera as DepthCamera
-from safe_inspect.rendezvous.sensors.tof import DepthFrame as DepthFrame
 from safe_inspect.rendezvous.target.model import Target as Target
 from safe_inspect.rendezvous.target.model import TriangleMesh as TriangleMesh

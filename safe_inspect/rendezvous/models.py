@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from safe_inspect.config.models.experiment import Model
+from safe_inspect.config.models import Model
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimate import BodyState
-from safe_inspect.rendezvous.sensors.imu import InertialSample
-from safe_inspect.rendezvous.sensors.measured import StateReading
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
+from safe_inspect.rendezvous.inertial_unit import InertialSample
+from safe_inspect.rendezvous.measured_poses import StateReading
 from safe_inspect.types import FloatArray
 
 #: What an estimator may read: depth frames, measured poses instead of frames, inertial samples, measured states.

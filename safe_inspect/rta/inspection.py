@@ -11,14 +11,14 @@ from pydantic import model_validator
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import PluginValueError
+from safe_inspect.rta.backup.safety_filter import MEMORY, BackupFilter, Intervention
 from safe_inspect.rta.base import Filtered, SafetyGlue, TeamFiltered, TeamSafety, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
-from safe_inspect.rta.filters.backup.safety_filter import MEMORY, BackupFilter, Intervention
-from safe_inspect.rta.filters.base import SAFE_DRAWS, differs, safe_states
-from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.continuous import ContinuousFilter
+from safe_inspect.rta.filters import SAFE_DRAWS, differs, safe_states
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import SAFETY_FILTER, View

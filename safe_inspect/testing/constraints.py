@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, RelativeState, joined_states
-from safe_inspect.rta.filters.base import probe_states, responds_to_thrust
+from safe_inspect.rta.filters import probe_states, responds_to_thrust
 from safe_inspect.testing.calls import Call, SampleParts, Shape, check_call
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import sample_states

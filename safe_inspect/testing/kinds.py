@@ -16,7 +16,7 @@ from safe_inspect.metrics.base import BaseMetric, Metric, Reduce, TeamMetric
 from safe_inspect.platforms.base import Controller, Part, Platform, Sensor
 from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.base import SafetyGlue
-from safe_inspect.simulators.row_terms.plugin import RowPlugin
+from safe_inspect.simulators.row_plugin import RowPlugin
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.testing import simulation, teams
 from safe_inspect.testing.calls import (

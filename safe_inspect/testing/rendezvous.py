@@ -18,9 +18,11 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import BoundQuery, ConformalBound
 from safe_inspect.rendezvous.control.design import DesignRequest
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
+from safe_inspect.rendezvous.depth_camera import TimeOfFlightCamera
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors
 from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.measured_poses import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.models import Fault, MissionConfig
 from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
@@ -35,8 +37,6 @@ from safe_inspect.rendezvous.plugins import (
 )
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.testing.calls import SampleParts
 from safe_inspect.testing.report import WRITES, Report

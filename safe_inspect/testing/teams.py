@@ -12,7 +12,7 @@ from safe_inspect.dones.shared import SharedDoneFunction
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits
 from safe_inspect.rta.base import TeamSafety
-from safe_inspect.rta.filters.base import INTERVENTION_THRESHOLD
+from safe_inspect.rta.filters import INTERVENTION_THRESHOLD
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import View
 from safe_inspect.testing.calls import (

@@ -6,8 +6,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from safe_inspect.config.loading.loader import load
-from safe_inspect.config.messages.report import problems_of
 from safe_inspect.config.overrides import apply_overrides
+from safe_inspect.config.report import problems_of
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveLength

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import pytest
 from pydantic import BaseModel
 
-from safe_inspect.config.messages.schema import FILES, model_schema
+from safe_inspect.config.schema import FILES, model_schema
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.units import PositiveLength

@@ -12,7 +12,7 @@ import yaml
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.config.loading.located import LocatedDict, LocatedList, plain
-from safe_inspect.config.messages.report import functor_mistakes, message, shown
+from safe_inspect.config.report import functor_mistakes, message, shown
 from safe_inspect.errors import ConfigError
 from safe_inspect.plugins.functor import build
 from safe_inspect.task_ids import ALL_TASKS

@@ -15,7 +15,7 @@ import pytest
 import safe_inspect
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.environments.fused.step import FusedGroup
+from safe_inspect.environments.fused_step import FusedGroup
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.task_ids import TASKS, TEAM_TASKS
 

@@ -79,7 +79,7 @@ def make_module(agent, seed=0, module_class=None, **model):
 
 def save_run(folder, experiment, modules, keep_info=False):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
-    from safe_inspect.experiments.files.checkpoints import INFO, Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.modules.checkpoints import INFO, Checkpoint, seal_checkpoint
     from safe_inspect.experiments.settings.policies import policy_info
 
     outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]

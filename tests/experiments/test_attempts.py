@@ -13,8 +13,8 @@ import pytest
 from training_values import QUICK
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.files.checkpoints import Checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.checkpoints import Checkpoint
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import tune_run
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.runs.tune_run import Monitor, folder_name

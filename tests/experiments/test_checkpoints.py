@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.files.checkpoints import SEAL, Checkpoint, find_newest, read_checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import SEAL, Checkpoint, find_newest, read_checkpoint, seal_checkpoint
 
 
 def save(folder, iteration, digest="d", sealed=True):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import cluster
 
 HERE = Path(__file__).parent
@@ -156,7 +156,7 @@ def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     code = (
         "import sys, os; from pathlib import Path\n"
         "from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment\n"
-        "from safe_inspect.experiments.files.run_folder import RunFolder\n"
+        "from safe_inspect.experiments.modules.run_folder import RunFolder\n"
         "from safe_inspect.experiments.settings.translation import translate_ray\n"
         "set_environment()\n"
         "import ray\n"

@@ -15,7 +15,7 @@ import pytest
 
 from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.settings.translation import translate_ray
 

@@ -14,7 +14,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.facades.spaces import from_flat
 from safe_inspect.errors import CheckpointError, ConfigError
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.files.checkpoints import find_newest
+from safe_inspect.experiments.modules.checkpoints import find_newest
 
 CHOICES = [3, 5, 5]
 
@@ -41,7 +41,7 @@ def _module(**settings):
 
 
 def _save(folder, module):
-    from safe_inspect.experiments.files.checkpoints import INFO
+    from safe_inspect.experiments.modules.checkpoints import INFO
     from safe_inspect.experiments.settings.policies import policy_info
 
     experiment = experiment_of(discrete)

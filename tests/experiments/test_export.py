@@ -14,7 +14,7 @@ from safe_inspect.cli.commands.export import add_export_arguments, run_export
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.evaluation.onnx_policy import load_onnx
-from safe_inspect.experiments.files.checkpoints import policy_names
+from safe_inspect.experiments.modules.checkpoints import policy_names
 from safe_inspect.glues import Normalizer
 from safe_inspect.plugins.registry import registry
 

@@ -14,7 +14,7 @@ import torch
 from gymnasium.spaces import Box, MultiDiscrete
 
 from safe_inspect.errors import CheckpointError, ConfigError
-from safe_inspect.experiments.files.checkpoints import INFO, Weights, initial_weights
+from safe_inspect.experiments.modules.checkpoints import INFO, Weights, initial_weights
 
 pytestmark = pytest.mark.ray
 SEEN = Box(-np.inf, np.inf, (5,), dtype=np.float32)

@@ -19,7 +19,7 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.files.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
 
 MIXED = configs_root() / "multiagent-translational-inspection" / "experiment-mixed.yml"
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.experiments.files.checkpoints import find_newest
+from safe_inspect.experiments.modules.checkpoints import find_newest
 from safe_inspect.experiments.runs.progress import read_progress
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]

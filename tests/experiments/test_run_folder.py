@@ -12,8 +12,8 @@ from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.evaluation.task import differences
-from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.run_folder import digest, learning_configuration
+from safe_inspect.experiments.modules import run_folder
+from safe_inspect.experiments.modules.run_folder import digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.outputs import exclusive

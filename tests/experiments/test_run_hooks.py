@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
-from safe_inspect.experiments.files.checkpoints import Checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder, write_parameters
+from safe_inspect.experiments.modules.checkpoints import Checkpoint
+from safe_inspect.experiments.modules.run_folder import RunFolder, write_parameters
 from safe_inspect.experiments.runs import progress, trials, tune_run
 from safe_inspect.experiments.runs.progress import TrainingLog, read_progress
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, trial_table

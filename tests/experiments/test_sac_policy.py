@@ -10,7 +10,7 @@ from random_checkpoint import experiment_of, save_run
 
 import safe_inspect
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.files.checkpoints import find_newest
+from safe_inspect.experiments.modules.checkpoints import find_newest
 
 
 @pytest.fixture(scope="module")

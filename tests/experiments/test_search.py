@@ -12,8 +12,8 @@ from training_values import MAKER
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.files.checkpoints import find_newest
-from safe_inspect.experiments.files.run_folder import write_parameters
+from safe_inspect.experiments.modules.checkpoints import find_newest
+from safe_inspect.experiments.modules.run_folder import write_parameters
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
@@ -170,7 +170,7 @@ def search(tmp_path_factory):
 
 
 def test_the_folder_of_a_search_names_its_trials_and_one_of_them_is_flown(search):
-    from safe_inspect.experiments.files.checkpoints import newest_checkpoint
+    from safe_inspect.experiments.modules.checkpoints import newest_checkpoint
 
     first = search / "trials" / "trial_00000"
     for opened in (open_source, newest_checkpoint, lambda text: open_candidates([str(text)], Wanted())):

@@ -8,7 +8,7 @@ from random_checkpoint import experiment_of, single_run
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.policy_file import ObservedElement
-from safe_inspect.experiments.files.checkpoints import INFO, initial_weights, starting_weights
+from safe_inspect.experiments.modules.checkpoints import INFO, initial_weights, starting_weights
 
 SOURCE = "burn-and-coast"
 FIRST = tuple(f"encoder.{net}_encoder.net.mlp.0." for net in ("actor", "critic"))

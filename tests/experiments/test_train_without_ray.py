@@ -13,8 +13,8 @@ import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import train as module
 from safe_inspect.experiments.runs import tune_run
 from safe_inspect.experiments.runs.train import TrainingResult, train

@@ -14,7 +14,7 @@ import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
-from safe_inspect.experiments.files.checkpoints import MODULES, SEAL, find_newest, read_checkpoint
+from safe_inspect.experiments.modules.checkpoints import MODULES, SEAL, find_newest, read_checkpoint
 from safe_inspect.experiments.runs.progress import TrainingLog, read_progress
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun

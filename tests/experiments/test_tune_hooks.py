@@ -13,7 +13,7 @@ pytestmark = pytest.mark.ray
 
 
 def test_the_first_signal_asks_for_a_checkpoint_and_the_second_stops_at_once(tmp_path):
-    from safe_inspect.experiments.files.run_folder import RunFolder
+    from safe_inspect.experiments.modules.run_folder import RunFolder
     from safe_inspect.experiments.runs.tune_run import Monitor
 
     stream = io.StringIO()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.experiments.files.run_folder import learning_configuration
+from safe_inspect.experiments.modules.run_folder import learning_configuration
 from safe_inspect.experiments.runs.trials import one_recipe, recipes_of
 from safe_inspect.experiments.settings.translation import translate_rllib
 from safe_inspect.figures import learning_curves

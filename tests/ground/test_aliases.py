@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from safe_inspect.config.models.experiment import (
+from safe_inspect.config.models import (
     AgentConfig,
     EntityConfig,
     PlatformConfig,

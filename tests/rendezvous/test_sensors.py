@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import PROFILES, DepthFrame, DepthRenderer, TimeOfFlightCamera
+from safe_inspect.rendezvous.inertial_unit import Imu, ImuNoise
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.sensors.imu import Imu, ImuNoise
-from safe_inspect.rendezvous.sensors.tof import PROFILES, DepthFrame, DepthRenderer, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.model import TriangleMesh
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 
 def among_coasting(state: RelativeState, position: np.ndarray, velocity: np.ndarray) -> TeamState:

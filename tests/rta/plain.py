@@ -83,7 +83,7 @@ class _Rows:
     """A module of compiled rows as plain Python."""
 
     def __init__(self, name: str) -> None:
-        self._module = importlib.import_module(f"safe_inspect.rta.filters.{name}")
+        self._module = importlib.import_module(f"safe_inspect.rta.{name}")
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._module, name)
@@ -97,5 +97,5 @@ def uncompiled() -> Iterator[None]:
     """Let the filters run their rows as plain Python."""
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
         for name in ("backup.safety_filter", "team.safety_filter"):
-            patch.setattr(f"safe_inspect.rta.filters.{name}.compiled", _Rows)
+            patch.setattr(f"safe_inspect.rta.{name}.compiled", _Rows)
         yield

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize, nnls
 
-from safe_inspect.rta.numerics.active_set import nearest_joint, qp_workspace
-from safe_inspect.rta.numerics.projection import nearest, projection_workspace
+from safe_inspect.rta.active_set import nearest_joint, qp_workspace
+from safe_inspect.rta.projection import nearest, projection_workspace
 
 
 def problem(seed, variables, count, spread):

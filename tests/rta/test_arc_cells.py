@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from safe_inspect.compiling import njit
+from safe_inspect.rta.backup.holds import arc_cell
 from safe_inspect.rta.constraints.rows import lowest, node
-from safe_inspect.rta.filters.backup.holds import arc_cell
 
 SUN = (1.0, 0.0)
 SAMPLES = 64

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from safe_inspect.rta.backup.closed_motion import NODE_STACK, closed_motion
+from safe_inspect.rta.backup.safety_filter import BackupFilter
+from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.constraints.rows import Margins
-from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.backup.sequences import SAFE
 
 N, LIMIT = 0.001027, 0.05
 

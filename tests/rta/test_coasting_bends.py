@@ -10,9 +10,9 @@ import pytest
 from scipy.linalg import expm
 
 from safe_inspect.compiling import njit
-from safe_inspect.rta.filters.backup.holds import coasting_bends, held
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
+from safe_inspect.rta.backup.holds import coasting_bends, held
+from safe_inspect.rta.backup.model import HOLD_PIECES
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 
 from ..golden.records import check_record
 

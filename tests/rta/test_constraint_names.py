@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import Constraint, ConstraintValues, constraint_set
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter
 
 
 class Side(Constraint, name="NamedSide"):

@@ -10,7 +10,7 @@ from team_safety import draw_teams, team_report
 
 from safe_inspect.rta import RTAGlueCWHInspection1v1
 from safe_inspect.rta.constraints import NAMES
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 
 @pytest.fixture(scope="module")

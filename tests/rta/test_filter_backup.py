@@ -8,11 +8,11 @@ from admissible import admissible
 
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import Audit, fly_filtered
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.speeds import CrossTrackSpeed
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.continuous import ContinuousFilter
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -168,8 +168,8 @@ def closed_motions(seed, rows):
 
 def test_closed_motions_are_certified_as_dense_samples_say(run):
     """Certified: no sample is unsafe. Refused: a sample is unsafe but for the margins of 1 mm and 0.01 mm/s."""
-    from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
-    from safe_inspect.rta.filters.backup.sequences import SAFE
+    from safe_inspect.rta.backup.closed_motion import NODE_STACK, closed_motion
+    from safe_inspect.rta.backup.sequences import SAFE
 
     state = closed_motions(5, 600)
     least = np.full((len(state), len(run.names)), np.inf)
@@ -193,8 +193,8 @@ def test_closed_motions_are_certified_as_dense_samples_say(run):
 
 
 def test_holds_are_certified_as_dense_samples_say(run):
-    from safe_inspect.rta.filters.backup.holds import hold
-    from safe_inspect.rta.filters.backup.sequences import SAFE
+    from safe_inspect.rta.backup.holds import hold
+    from safe_inspect.rta.backup.sequences import SAFE
 
     generator = np.random.default_rng(6)
     directions = generator.normal(size=(2, 3000, 3))

@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters.continuous import ContinuousFilter
+from safe_inspect.rta.continuous import ContinuousFilter
 
 N, MASS = 0.001027, 12.0
 SMOOTH = ["chief_collision", "rel_vel", "sun", "r_max", "x_vel", "y_vel", "z_vel"]

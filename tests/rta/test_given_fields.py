@@ -10,12 +10,12 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import ConfigError
 from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, DeputyCollision, DeputyPassiveSafety, constraint_set
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import CrossTrackSpeed, RelativeSpeedLimit
 from safe_inspect.rta.constraints.sun import SunKeepOut
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 AGENT = "agent_config.0.config.config"

@@ -12,12 +12,12 @@ from admissible import admissible
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.errors import PluginValueError
 from safe_inspect.metrics import SmallestPhi
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState, constraint_set
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.sets import name_of
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -182,8 +182,8 @@ def test_the_half_space_is_the_constraint(constraint):
 
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_holds_are_certified_as_dense_samples_say(constraint):
-    from safe_inspect.rta.filters.backup.holds import hold
-    from safe_inspect.rta.filters.backup.sequences import SAFE
+    from safe_inspect.rta.backup.holds import hold
+    from safe_inspect.rta.backup.sequences import SAFE
 
     run, state = BackupFilter({}, [constraint]), drawn(2, 1500, fastest=0.5)
     control = np.random.default_rng(3).uniform(-0.5, 0.5, (1500, 3))
@@ -202,8 +202,8 @@ def test_holds_are_certified_as_dense_samples_say(constraint):
 
 
 def test_each_of_several_constraints_is_kept():
-    from safe_inspect.rta.filters.backup.holds import hold
-    from safe_inspect.rta.filters.backup.sequences import SAFE
+    from safe_inspect.rta.backup.holds import hold
+    from safe_inspect.rta.backup.sequences import SAFE
 
     planes = [Plane(name=str(axis), normal=tuple(np.eye(3)[axis]), offset=20.0) for axis in range(3)]
     model, state = BackupFilter({}, planes)._model, drawn(2, 600, fastest=0.5)
@@ -224,8 +224,8 @@ def test_each_of_several_constraints_is_kept():
 
 @pytest.mark.parametrize("constraint", KINDS, ids=IDS)
 def test_closed_motions_are_certified_as_dense_samples_say(constraint):
-    from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
-    from safe_inspect.rta.filters.backup.sequences import SAFE
+    from safe_inspect.rta.backup.closed_motion import NODE_STACK, closed_motion
+    from safe_inspect.rta.backup.sequences import SAFE
 
     run, state = BackupFilter({}, [constraint]), drawn(4, 400, farthest=90.0, fastest=0.05)
     state.velocity[:, 1] = -2.0 * N * state.position[:, 0]

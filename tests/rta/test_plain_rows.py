@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from admissible import admissible
 
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 from .limit_flights import BOUNDS, CLOSE, FAR, LOST, NEAR, N, drawn, flown, wanted
 from .plain import uncompiled

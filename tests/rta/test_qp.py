@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize, nnls
 
-from safe_inspect.rta.numerics.projection import solve_qp
+from safe_inspect.rta.projection import solve_qp
 
 BOX = np.concatenate((np.eye(3), -np.eye(3)))
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from safe_inspect.rta.backup.closed_motion import NODE_STACK, closed_motion
+from safe_inspect.rta.backup.holds import hold
+from safe_inspect.rta.backup.safety_filter import BackupFilter
+from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup.closed_motion import NODE_STACK, closed_motion
-from safe_inspect.rta.filters.backup.holds import hold
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.backup.sequences import SAFE
-from safe_inspect.rta.filters.team.plans import apart
+from safe_inspect.rta.team.plans import apart
 
 from ..golden.records import check_record
 

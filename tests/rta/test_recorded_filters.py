@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from admissible import admissible
 
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, Constraint, ConstraintValues, RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.continuous import ContinuousFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record

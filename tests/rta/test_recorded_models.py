@@ -19,13 +19,13 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.audit.adversaries import PUSHES, DisturbanceAdversary, adversarial_thrust, normalised_rows
 from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states, settings
+from safe_inspect.rta.backup.model import leading_holds
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
+from safe_inspect.rta.continuous import ContinuousFilter
 from safe_inspect.rta.docking import SpeedLimitFilter
-from safe_inspect.rta.filters.backup.model import leading_holds
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter
 
 from ..golden.records import check_record
 

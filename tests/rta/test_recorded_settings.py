@@ -18,10 +18,10 @@ import pytest
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta.audit.audit import grazing_states, settings
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.continuous import ContinuousFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.continuous import ContinuousFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.types import FloatArray
 
 from ..golden.records import check_record

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from safe_inspect.compiling import njit
+from safe_inspect.rta.backup.sequences import SAFE, bits_of, broken_at, slack_of
 from safe_inspect.rta.constraints import constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.rows import Margins, node
 from safe_inspect.rta.constraints.sets import CERTIFIED, NAMES, PSM
-from safe_inspect.rta.filters.backup.sequences import SAFE, bits_of, broken_at, slack_of
-from safe_inspect.rta.filters.base import probe_states
+from safe_inspect.rta.filters import probe_states
 
 PARAMETERS = ConstraintParameters()
 KERNELS = [code for code in range(len(CERTIFIED)) if code != PSM]

@@ -19,9 +19,9 @@ from safe_inspect.errors import ConfigError, PluginValueError, UnsafeInitialStat
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.audit.adversaries import adversarial_thrust
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import ConstraintValues
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.simulators.resets.parameters import Draw
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.cwh import transition
+from safe_inspect.rta.backup.closed_motion import _cell, _node
+from safe_inspect.rta.backup.cuts import add
+from safe_inspect.rta.backup.holds import arc_cell
+from safe_inspect.rta.backup.model import HOLD_PIECES
+from safe_inspect.rta.backup.safety_filter import BackupFilter
+from safe_inspect.rta.backup.workspace import workspace
 from safe_inspect.rta.constraints.rows import Margins, node
 from safe_inspect.rta.constraints.sun import SUN_KERNELS, SunNumbers
-from safe_inspect.rta.filters.backup.closed_motion import _cell, _node
-from safe_inspect.rta.filters.backup.cuts import add
-from safe_inspect.rta.filters.backup.holds import arc_cell
-from safe_inspect.rta.filters.backup.model import HOLD_PIECES
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.backup.workspace import workspace
 from safe_inspect.types import FloatArray
 
 from .plain import plain, strict

@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
 from safe_inspect.rta.audit.audit import settings
 from safe_inspect.rta.constraints import NAMES
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 N = 0.001027
 #: A deputy that rests on the day side.

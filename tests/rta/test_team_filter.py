@@ -11,8 +11,8 @@ from team_safety import draw_teams, team_report, team_thrust
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.backup.safety_filter import BackupFilter
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TEAM, TEAM_FILTER, TeamView
 from safe_inspect.simulators.world import World
@@ -210,7 +210,7 @@ def test_a_deputy_that_is_finished_leaves_the_others_their_plans(run):
 
 
 def test_a_drifting_obstacle_is_certified_as_samples_say():
-    from safe_inspect.rta.filters.team.plans import ORBITS, apart
+    from safe_inspect.rta.team.plans import ORBITS, apart
 
     generator = np.random.default_rng(12)
     position = generator.normal(size=(300, 1, 3)) * generator.uniform(5.0, 25.0, (300, 1, 1))

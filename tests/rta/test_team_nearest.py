@@ -8,7 +8,7 @@ from admissible import admissible
 from team_safety import draw_teams
 
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 
 def flown(run, state, control, time=10.0):

@@ -8,7 +8,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.rta.filters.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 BOUNDS = {
     "velocity": 1e-4, "position_error": 0.01, "velocity_error": 1e-4, "thrust_gain": 0.01, "thrust_direction": 0.01

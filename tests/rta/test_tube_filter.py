@@ -15,11 +15,11 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.rta.audit.audit import audit, grazing_states
+from safe_inspect.rta.backup.deviations import PlanTracker, leaves_nothing
+from safe_inspect.rta.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.filters.backup.deviations import PlanTracker, leaves_nothing
-from safe_inspect.rta.filters.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 
 BOUNDS = DisturbanceBounds(
     velocity=1e-4, position_error=0.01, velocity_error=1e-4, thrust_gain=0.01, thrust_direction=0.01

@@ -9,15 +9,15 @@ import pytest
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.cwh import propagate, transition
+from safe_inspect.rta.backup.closed_motion import _cell, _node
+from safe_inspect.rta.backup.half_spaces import further_uncertain
+from safe_inspect.rta.backup.holds import arc_cell
+from safe_inspect.rta.backup.safety_filter import BackupFilter
+from safe_inspect.rta.backup.sequences import uncertain, uncertain_closed
 from safe_inspect.rta.constraints import Constraint, ConstraintValues, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.rows import Margins, node
 from safe_inspect.rta.constraints.sets import CERTIFIED, NAMES, PSM
-from safe_inspect.rta.filters.backup.closed_motion import _cell, _node
-from safe_inspect.rta.filters.backup.half_spaces import further_uncertain
-from safe_inspect.rta.filters.backup.holds import arc_cell
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
-from safe_inspect.rta.filters.backup.sequences import uncertain, uncertain_closed
 
 from ..golden.records import check_record
 

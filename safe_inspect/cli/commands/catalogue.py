@@ -18,7 +18,7 @@ from safe_inspect.cli.commands.checked_settings import checked_settings
 from safe_inspect.cli.common import print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment, replaced_lists
-from safe_inspect.config.messages.schema import FILES, model_schema
+from safe_inspect.config.schema import FILES, model_schema
 from safe_inspect.errors import ConfigError, Problem, RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy

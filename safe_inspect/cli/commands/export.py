@@ -12,7 +12,7 @@ from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.files.checkpoints import newest_checkpoint, policy_names
+from safe_inspect.experiments.modules.checkpoints import newest_checkpoint, policy_names
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
 

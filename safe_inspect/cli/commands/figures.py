@@ -23,7 +23,7 @@ from safe_inspect.evaluation.results.files import (
 )
 from safe_inspect.evaluation.results.tables import ends
 from safe_inspect.evaluation.rollouts import record_episode
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.experiments.runs.trials import learning_curves_in, recipes_of
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save

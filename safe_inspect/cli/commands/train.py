@@ -19,7 +19,7 @@ from safe_inspect.config.learning import placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
-from safe_inspect.experiments.files.run_folder import open_run_folder
+from safe_inspect.experiments.modules.run_folder import open_run_folder
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import recipes_of, trial_table

@@ -11,8 +11,8 @@ from safe_inspect.config.building.guarantees import check_guarantees, check_thru
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, safe_initial_states
 from safe_inspect.config.building.world import check_world, common_world, in_world, reset_in_world, worlds_of
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, KeyTuple, Place, text_of
-from safe_inspect.config.models.experiment import ExperimentConfig
+from safe_inspect.config.models import ExperimentConfig
+from safe_inspect.config.report import ENVIRONMENT_PATH, KeyTuple, Place, text_of
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.errors import did_you_mean
 from safe_inspect.platforms.base import Platform

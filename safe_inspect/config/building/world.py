@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.messages.report import ENVIRONMENT_PATH, Place, text_of
-from safe_inspect.config.models.experiment import AgentEntry, ExperimentConfig
+from safe_inspect.config.models import AgentEntry, ExperimentConfig
+from safe_inspect.config.report import ENVIRONMENT_PATH, Place, text_of
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import Named

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from safe_inspect.config.loading.loader import load
 from safe_inspect.config.loading.located import LocatedDict, locate
-from safe_inspect.config.messages.report import validated
+from safe_inspect.config.report import validated
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.metrics.statistics import Interval, wilson

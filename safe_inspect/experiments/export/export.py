@@ -28,9 +28,9 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, element_columns, seal
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
-from safe_inspect.experiments.files.checkpoints import configuration_of, policy_folder, read_checkpoint
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.checkpoints import configuration_of, policy_folder, read_checkpoint
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.modules.saved_policy import SacPolicy
 from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 from safe_inspect.outputs import new_file

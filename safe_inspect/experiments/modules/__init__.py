@@ -1,1 +1,1 @@
-"""Policies: building, saving, loading and freezing."""
+"""Policies: building, saving, loading and freezing; the files of a run, which need neither Ray nor Torch."""

@@ -34,7 +34,7 @@ from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout
 from safe_inspect.evaluation.shipped import shipped_policies
-from safe_inspect.experiments.files.checkpoints import (
+from safe_inspect.experiments.modules.checkpoints import (
     INFO,
     Weights,
     info_of,

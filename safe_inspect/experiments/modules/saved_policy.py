@@ -31,7 +31,7 @@ from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.environments.facades.spaces import flat_space
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
-from safe_inspect.experiments.files.checkpoints import WEIGHTS, pack
+from safe_inspect.experiments.modules.checkpoints import WEIGHTS, pack
 from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, Hurdle, SquashedGaussian
 from safe_inspect.types import AnyArray
 

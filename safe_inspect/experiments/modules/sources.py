@@ -33,7 +33,7 @@ from safe_inspect.evaluation.results.files import sha256
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
-from safe_inspect.experiments.files.checkpoints import (
+from safe_inspect.experiments.modules.checkpoints import (
     checkpoint_hash,
     configuration_of,
     newest_checkpoint,

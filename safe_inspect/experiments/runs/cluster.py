@@ -23,7 +23,7 @@ from typing import Any
 from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.evaluation.missions import fly_mission
-from safe_inspect.experiments.files.run_folder import RunFolder
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.settings.translation import translate_ray
 from safe_inspect.interrupts import STOPPING, Interrupted, deferred, handled
 from safe_inspect.outputs import is_full

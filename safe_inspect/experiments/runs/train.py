@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.checkpoints import SEAL, Checkpoint, find_newest
-from safe_inspect.experiments.files.run_folder import RunFolder, digest, learning_configuration
+from safe_inspect.experiments.modules import run_folder
+from safe_inspect.experiments.modules.checkpoints import SEAL, Checkpoint, find_newest
+from safe_inspect.experiments.modules.run_folder import RunFolder, digest, learning_configuration
 from safe_inspect.experiments.runs import cluster
 from safe_inspect.experiments.runs.progress import Messages
 from safe_inspect.experiments.runs.training_run import Settings, TrainingRun, read_settings

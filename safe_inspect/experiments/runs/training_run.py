@@ -10,7 +10,7 @@ from typing import Any
 from safe_inspect import errors
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.experiments.files.checkpoints import INFO, starting_weights
+from safe_inspect.experiments.modules.checkpoints import INFO, starting_weights
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings, is_searched
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, policy_info, read_policies
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of

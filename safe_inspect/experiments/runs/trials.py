@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
-from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.checkpoints import find_newest
-from safe_inspect.experiments.files.run_folder import (
+from safe_inspect.experiments.modules import run_folder
+from safe_inspect.experiments.modules.checkpoints import find_newest
+from safe_inspect.experiments.modules.run_folder import (
     RunFolder,
     digest,
     learning_configuration,

@@ -20,17 +20,17 @@ from ray.exceptions import RayActorError
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
-from safe_inspect.experiments.files import run_folder
-from safe_inspect.experiments.files.checkpoints import Checkpoint, seal_checkpoint
-from safe_inspect.experiments.files.run_folder import (
+from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
+from safe_inspect.experiments.modules import run_folder
+from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.policy import check_frozen
+from safe_inspect.experiments.modules.run_folder import (
     RunFolder,
     copy_attempt,
     parameters_text,
     read_parameters,
     read_run_record,
 )
-from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules.policy import check_frozen
 from safe_inspect.experiments.runs import cluster, tune_objects
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingLog, TrainingProgress, flatten
 from safe_inspect.experiments.runs.trials import write_trial

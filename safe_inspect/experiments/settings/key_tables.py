@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from safe_inspect.config.keys.old_keys import key_hint
-from safe_inspect.config.messages.report import problems_of
+from safe_inspect.config.report import problems_of
 from safe_inspect.errors import Problem
 
 GRID = "grid_search"

@@ -12,8 +12,8 @@ from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference
 from safe_inspect.rendezvous.coordination.context import Phase
+from safe_inspect.rendezvous.depth_camera import TimeOfFlightCamera
 from safe_inspect.rendezvous.planner.query import Plan
-from safe_inspect.rendezvous.sensors.tof import TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import aligned_boxes, mesh_of_boxes
 from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import AnyArray, BoolArray, FloatArray

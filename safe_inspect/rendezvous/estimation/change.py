@@ -12,10 +12,10 @@ from safe_inspect.dynamics.quaternion import conjugate, log, multiply, rotate
 from safe_inspect.dynamics.tumble import angular_acceleration
 from safe_inspect.rendezvous.estimation.factors import BIAS_JUMP, BiasJump
 from safe_inspect.rendezvous.estimation.states import GraphEstimate, History, Motion, TargetEstimate, logits_of
+from safe_inspect.rendezvous.inertial_unit import ImuNoise, InertialSample
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 from safe_inspect.types import FloatArray
 
 #: Fraction of a force or torque that is uncertain for any actuators, because the chaser turns within a step, and the

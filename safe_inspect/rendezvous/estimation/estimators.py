@@ -13,6 +13,7 @@ from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame, no_frame
 from safe_inspect.rendezvous.estimate import (
     UNKNOWN,
     BodyState,
@@ -28,11 +29,10 @@ from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
 from safe_inspect.rendezvous.models import ChaserConfig
 from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.readings import Reading, Readings
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame, no_frame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import Edge
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.types import FloatArray
 
 #: Covariance of the integration itself [m^2/s].

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, from_matrix, multiply, rotate, to_matrix
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation.change import (
     OFF_FRAMES,
     QUICK_SPAN,
@@ -23,9 +24,8 @@ from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate, History, TargetEstimate
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
+from safe_inspect.rendezvous.inertial_unit import InertialSample
 from safe_inspect.rendezvous.poses import MODEL, Edge
-from safe_inspect.rendezvous.sensors.imu import InertialSample
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
 #: Minimum time between two fits of the motion [s].

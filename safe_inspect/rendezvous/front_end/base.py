@@ -11,9 +11,9 @@ import numpy as np
 from safe_inspect.errors import ConfigError
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.measured_poses import PoseFrame
 from safe_inspect.rendezvous.poses import MODEL, Edge, adjoint, inverse, pose, rotation_exp, rotation_log
-from safe_inspect.rendezvous.sensors.measured import PoseFrame
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.poses import move
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Size of the voxels; occupied voxels that touch belong to one cluster [m].

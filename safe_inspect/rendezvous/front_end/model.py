@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 
 from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
-from safe_inspect.rendezvous.sensors.tof import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeLength, PositiveLength

@@ -8,11 +8,11 @@ from operator import attrgetter
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.rendezvous.depth_camera import DepthCamera
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
 from safe_inspect.rendezvous.front_end.residuals import RangeNoise, add_silhouette, add_surface
 from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
-from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray

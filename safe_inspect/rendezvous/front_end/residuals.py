@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.rendezvous.depth_camera import DepthCamera
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
-from safe_inspect.rendezvous.sensors.tof import DepthCamera
 from safe_inspect.rendezvous.target.surface import MeshSurface, SurfacePoints
 from safe_inspect.types import FloatArray, IntArray
 

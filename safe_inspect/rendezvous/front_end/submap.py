@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.libraries import require
@@ -22,7 +23,6 @@ from safe_inspect.rendezvous.poses import (
     rotation_exp,
     rotation_log,
 )
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.types import FloatArray
 
 #: Voxel size for downsampling a cloud [m], and number of points from which a surface is estimated.

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from safe_inspect.rta.audit.adversaries import DisturbanceAdversary, normalised_rows
+from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints.base import RelativeState, joined_states
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters.backup.safety_filter import BackupFilter
 from safe_inspect.types import FloatArray, IntArray
 
 #: Number of parts of a hold at whose ends the constraints are evaluated.

@@ -13,9 +13,9 @@ from safe_inspect.rendezvous.estimation.change import centre_innovation
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer, key, rotation_kinematic_factors
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
 from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, skew
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.testing.rendezvous import watched_poses
 from safe_inspect.types import FloatArray

@@ -11,9 +11,9 @@ from safe_inspect.rendezvous.estimation.change import ActuatorResponse, BiasJump
 from safe_inspect.rendezvous.estimation.factors import BiasJump, ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
 from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate
+from safe_inspect.rendezvous.inertial_unit import ImuNoise, InertialSample
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
 
 _STEP, _TICK = 0.2, 0.008
 _BIAS = np.array([1e-3, -1e-3, 0.0, 5e-5, 0.0, -5e-5])

@@ -13,15 +13,15 @@ from safe_inspect.missions.mission import Mission, MissionResult
 from safe_inspect.missions.summary import attitude_error, normalised_error
 from safe_inspect.missions.truth import MissionTruth, SensorSuite, replay, target_motion
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import no_frame
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import EstimatorContext
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import _MeasuredPosesRun
+from safe_inspect.rendezvous.measured_poses import PoseFrame, PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.plugins import StateEstimator
 from safe_inspect.rendezvous.poses import MODEL
 from safe_inspect.rendezvous.readings import Reading, Readings
-from safe_inspect.rendezvous.sensors.measured import PoseFrame, PoseSensor, PoseSensorRun
-from safe_inspect.rendezvous.sensors.tof import no_frame
 from safe_inspect.simulators.resets.parameters import Parameter
 
 _FILE = Path(__file__).parents[3] / "configs" / "tumbling-rendezvous" / "experiment.yml"

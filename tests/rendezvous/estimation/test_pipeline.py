@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import exp, to_matrix
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation import pipeline as module
 from safe_inspect.rendezvous.estimation.change import motion_of
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose, rotation_log
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 
 CENTRE, CENTRE_GLUED = np.array([0.2, 0.1, -0.3]), np.array([0.05, 1.4, 0.2])
 START = ChaserStart(

@@ -29,11 +29,11 @@ from safe_inspect.rendezvous.estimation.change import (
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd, PoseGraph
 from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, TargetEstimate
+from safe_inspect.rendezvous.inertial_unit import ImuNoise, InertialSample
+from safe_inspect.rendezvous.measured_poses import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.models import ActuatorConfig, ChaserConfig
 from safe_inspect.rendezvous.poses import perturbed, pose
 from safe_inspect.rendezvous.readings import Command
-from safe_inspect.rendezvous.sensors.imu import ImuNoise, InertialSample
-from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.testing.rendezvous import watched_poses
 

@@ -36,9 +36,9 @@ from safe_inspect.rendezvous.estimation.states import (
     logits_of,
     ratios_of,
 )
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
+from safe_inspect.rendezvous.measured_poses import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, perturbed, pose
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.measured import PoseSensor, PoseSensorRun
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.testing.rendezvous import watched_poses
 from safe_inspect.types import FloatArray

@@ -9,8 +9,8 @@ import pytest
 
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.poses import inverse, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray

@@ -10,13 +10,13 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
+from safe_inspect.rendezvous.depth_camera import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.model_registration import _spread_rotations, acquire
 from safe_inspect.rendezvous.plugins import BoxTarget, ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.sensors.tof import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.model import Target
 
 from .conftest import CAMERA, T_BC, Shoot, spin

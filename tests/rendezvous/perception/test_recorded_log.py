@@ -34,12 +34,12 @@ from safe_inspect.missions.log_estimate import (
 )
 from safe_inspect.missions.sensor_log import CameraDescription, SensorDescription, SensorLog, read_sensor_log
 from safe_inspect.missions.sensor_log_writer import SensorLogWriter, record_watch
+from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse
-from safe_inspect.rendezvous.sensors.tof import DepthFrame
 from safe_inspect.rendezvous.target.model import Target
 
 from ..record import check

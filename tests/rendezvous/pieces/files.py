@@ -18,14 +18,14 @@ from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.control.design import tracking_weights
 from safe_inspect.rendezvous.control.tube import TrackingLimits
 from safe_inspect.rendezvous.coordination.pilot import limits_of
+from safe_inspect.rendezvous.depth_camera import PROFILES, NoiseProfile, TimeOfFlightCamera
 from safe_inspect.rendezvous.estimate import EstimateErrors
 from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig, is_rendezvous, load_rendezvous
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
+from safe_inspect.rendezvous.measured_poses import PoseSensor, StateSensor
 from safe_inspect.rendezvous.planner.query import Limits
-from safe_inspect.rendezvous.sensors.imu import ImuNoise
-from safe_inspect.rendezvous.sensors.measured import PoseSensor, StateSensor
-from safe_inspect.rendezvous.sensors.tof import PROFILES, NoiseProfile, TimeOfFlightCamera
 from safe_inspect.rendezvous.target.boxes import Box
 
 from .control import Pieces

@@ -14,13 +14,13 @@ from safe_inspect.missions.truth import ChaserTrace, SensorSuite, target_motion
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.rendezvous.measured_poses import PoseFrame
 from safe_inspect.rendezvous.planner.approach import SplineSCPPlanner, _bent_starts, _PlanUnits, _ranked_problems
 from safe_inspect.rendezvous.planner.checks import certify, possible_waits, start_problem, terminal_problem
 from safe_inspect.rendezvous.planner.paths import SplinePath
 from safe_inspect.rendezvous.planner.problem import approach_problem
 from safe_inspect.rendezvous.planner.query import Limits, Plan, PlanQuery
 from safe_inspect.rendezvous.planner.scp import constraint_rows, within_limits
-from safe_inspect.rendezvous.sensors.measured import PoseFrame
 from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
 from safe_inspect.rendezvous.target.model import Target

@@ -1,1 +1,0 @@
-"""Messages about mistakes in configurations, and the JSON schemas of the files."""

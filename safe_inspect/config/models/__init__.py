@@ -1,1 +1,0 @@
-"""The models of an experiment's files."""

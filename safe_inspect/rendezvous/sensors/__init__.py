@@ -1,1 +1,0 @@
-"""Simulated sensors of the chaser, computed from the true states."""

@@ -1,0 +1,238 @@
+"""Compiled half-spaces of joint controls that approximate the constraints of each deputy and each pair.
+
+Those of a deputy alone are the same as in the single filter. Those of a pair's hold are the same with respect to the
+other deputy, as half-spaces of the difference of the two thrusts. Those of a pair's plans are linear in both thrusts.
+"""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiling import BORROWING, njit
+from safe_inspect.dynamics.coasting import coasting_position
+from safe_inspect.dynamics.cwh import RowState
+from safe_inspect.rta.backup.cuts import Refusal, cut_broken, cut_hold, cut_recovery
+from safe_inspect.rta.backup.holds import held, turned
+from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
+from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
+from safe_inspect.rta.backup.sequences import SAFE
+from safe_inspect.rta.backup.tracking import widened
+from safe_inspect.rta.backup.workspace import Workspace, as_bool, as_int
+from safe_inspect.rta.constraints.rows import Margins, SunAngle
+from safe_inspect.rta.constraints.sets import COLLISION
+from safe_inspect.rta.team.plans import farthest_plans, minus
+from safe_inspect.rta.team.tracking import beside, state_of
+from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
+
+_NO_MARGINS = Margins(0.0, 0.0, 0.0)
+#: Slack required of a plan at the nodes of its orbit [m], to cover the motion between them.
+_NODE_MARGIN = 0.05
+#: Step of the differences [N].
+_STEP = 1e-4
+
+
+@njit(**BORROWING)
+def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
+    """Append the half-spaces in `s.rows` to the programme: of the thrust of i or, if j >= 0, of that of i minus j.
+
+    The thrusts of deputies that coast are fixed.
+    """
+    for r in range(new):
+        first, second = s.rows[r], not t.fixed[i]
+        size = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
+        both = j >= 0 and second and not t.fixed[j]
+        if both:
+            size *= math.sqrt(2.0)
+        if count >= t.rows.shape[0] or size < 1e-12:
+            continue
+        for k in range(t.rows.shape[1]):
+            t.rows[count, k] = 0.0
+        for axis in range(3):
+            if second:
+                t.rows[count, 3 * i + axis] = first[axis] / size
+            if j >= 0 and not t.fixed[j]:
+                t.rows[count, 3 * j + axis] = -first[axis] / size
+        given = 0.0
+        for axis in range(3):
+            if not second:
+                given += first[axis] * t.control[3 * i + axis]
+            if j >= 0 and t.fixed[j]:
+                given -= first[axis] * t.control[3 * j + axis]
+        t.bounds[count] = (s.bounds[r] - given) / size
+        count += 1
+    return count
+
+
+@njit(**BORROWING)
+def _write_thrust(i: int, j: int, t: TeamWorkspace) -> None:
+    """Write the last proposal's thrust of a deputy, minus that of another if j >= 0, to `t.u`."""
+    for axis in range(3):
+        t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
+
+
+@njit(**BORROWING)
+def cut_holds(
+    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, bits: bool, count: int,
+    t: TeamWorkspace, s: Workspace,
+) -> int:  # fmt: skip
+    """Append half-spaces for every deputy and pair whose hold of the last proposal was rejected; return the count.
+
+    Args:
+        g: The task.
+        sun: Cosine and sine of the sun angle.
+        own_side: Whether to stay on this side of the chief instead of passing it; for other deputies, always true.
+        margins: Margins of the constraints.
+        bits: Whether to record in `t.bits` what rejected the hold.
+        count: Number of half-spaces so far.
+        t: Workspace, after `tested`.
+        s: Workspace.
+    """
+    deputies, u, p = t.x.shape[0], t.u, 0
+    for i in range(deputies):
+        if t.code[i] != SAFE:
+            _write_thrust(i, as_int(-1), t)
+            x, wide = state_of(t.x, i), widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
+            new = cut_hold(g.one, x, sun, u, Refusal(t.code[i], t.at[i]), own_side, wide, s, as_int(0))
+            new, broken = cut_broken(g.one, x, sun, u, own_side, wide, s, new)
+            count = _spread(new, i, as_int(-1), count, t, s)
+            if bits:
+                t.bits[i] |= broken | 1 << t.code[i]
+    if g.pairs:
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                if t.pair_code[p] != SAFE:
+                    _write_thrust(i, j, t)
+                    x = minus(state_of(t.x, i), state_of(t.x, j))
+                    refusal = Refusal(t.pair_code[p], t.pair_at[p])
+                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
+                    new = cut_hold(g.pair, x, sun, u, refusal, as_bool(True), wide, s, as_int(0))
+                    count = _spread(new, i, j, count, t, s)
+                    if bits:
+                        bit = 1 << (PAIR_BIT if t.pair_code[p] == COLLISION else PAIR_BIT + 1)
+                        t.bits[i] |= bit
+                        t.bits[j] |= bit
+                p += 1
+    return count
+
+
+@njit(**BORROWING)
+def cut_ends(
+    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, count: int, t: TeamWorkspace, s: Workspace
+) -> int:  # fmt: skip
+    """Append half-spaces for everything that the last proposal violates at the end of its hold; return the count."""
+    deputies, u = t.x.shape[0], t.u
+    for i in range(deputies):
+        if not t.fixed[i]:
+            _write_thrust(i, as_int(-1), t)
+            wide = widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
+            new, _ = cut_broken(g.one, state_of(t.x, i), sun, u, own_side, wide, s, as_int(0))
+            count = _spread(new, i, as_int(-1), count, t, s)
+    if g.pairs:
+        for i in range(deputies):
+            for j in range(i + 1, deputies):
+                if not (t.fixed[i] and t.fixed[j]):
+                    _write_thrust(i, j, t)
+                    rel = minus(state_of(t.x, i), state_of(t.x, j))
+                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
+                    new, _ = cut_broken(g.pair, rel, sun, u, as_bool(True), wide, s, as_int(0))
+                    count = _spread(new, i, j, count, t, s)
+    return count
+
+
+@njit(**BORROWING)
+def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace) -> RowState:
+    """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
+    for k in range(3):
+        t.u[k] = t.control[3 * i + k]
+    if axis >= 0:
+        t.u[axis] += _STEP
+    after = held(m, state_of(t.x, i), t.u, HOLD_PIECES)
+    if t.fixed[i]:
+        for k in range(3):
+            s.w[k] = 0.0
+    else:
+        plan_thrust(m, after, t.plan[i], s.w)
+    return held(m, after, s.w, HOLD_PIECES)
+
+
+@njit(**BORROWING)
+def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace) -> int:
+    """Append half-spaces that keep a pair's plans apart, at nodes of an orbit where they are not; return the count."""
+    m, n = g.one, g.one.n
+    one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
+    wide = beside(g, beside(g, _NO_MARGINS, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
+    reach = g.pair.constraints[COLLISION].closed_near + _NODE_MARGIN + wide.coasting
+    a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
+    a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
+    b0, b1 = _shifted_end(m, j, as_int(0), t, s), _shifted_end(m, j, as_int(1), t, s)
+    a2, b2 = _shifted_end(m, i, as_int(2), t, s), _shifted_end(m, j, as_int(2), t, s)
+    rel = minus(a, b)
+    previous, falling = math.inf, False
+    for place in range(FINE_NODES + 1):
+        node = place % FINE_NODES
+        p = coasting_position(n, rel, place * (2.0 * math.pi / FINE_NODES), m.fine[node, 0], m.fine[node, 1])
+        here = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        if falling and here >= previous and previous < reach and count < t.rows.shape[0]:
+            angle, cos, sin = (place - 1) * (2.0 * math.pi / FINE_NODES), m.fine[place - 1, 0], m.fine[place - 1, 1]
+            p = coasting_position(n, rel, angle, cos, sin)
+            size = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) + 1e-9
+            p = p[0] / size, p[1] / size, p[2] / size
+            for k in range(t.rows.shape[1]):
+                t.rows[count, k] = 0.0
+            for axis in range(3):
+                da = minus(a0 if axis == 0 else (a1 if axis == 1 else a2), a)
+                db = minus(b0 if axis == 0 else (b1 if axis == 1 else b2), b)
+                pa, pb = coasting_position(n, da, angle, cos, sin), coasting_position(n, db, angle, cos, sin)
+                if not t.fixed[i]:
+                    t.rows[count, 3 * i + axis] = (p[0] * pa[0] + p[1] * pa[1] + p[2] * pa[2]) / _STEP
+                if not t.fixed[j]:
+                    t.rows[count, 3 * j + axis] = -(p[0] * pb[0] + p[1] * pb[1] + p[2] * pb[2]) / _STEP
+            length, value = 0.0, reach - previous
+            for k in range(t.rows.shape[1]):
+                length += t.rows[count, k] ** 2
+                value += t.rows[count, k] * t.control[k]
+            length = math.sqrt(length)
+            if length > 1e-9:
+                for k in range(t.rows.shape[1]):
+                    t.rows[count, k] /= length
+                t.bounds[count] = value / length
+                count += 1
+        falling = here < previous
+        previous = here
+    return count
+
+
+@njit(**BORROWING)
+def cut_plans(
+    g: TeamModel, sun: SunAngle, stuck: int, alone: bool, margins: Margins, bits: bool, count: int, t: TeamWorkspace,
+    s: Workspace,
+) -> int:  # fmt: skip
+    """Append half-spaces for the joint plan that the last proposal does not allow; return the count.
+
+    Args:
+        g: The task.
+        sun: Cosine and sine of the sun angle before the hold.
+        stuck: The deputy that found no plan.
+        alone: Whether it has none even alone: then its own constraints are linearised, otherwise the distances of the
+            pairs, on the plans that are farthest apart.
+        margins: Margins of the plans.
+        bits: Whether to record in `t.bits` what rejected the hold.
+        count: Number of half-spaces so far.
+        t: Workspace, after `tested`.
+        s: Workspace.
+    """
+    if alone:
+        _write_thrust(stuck, as_int(-1), t)
+        new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, t.u, _NODE_MARGIN, s, as_int(0))
+        if bits:
+            t.bits[stuck] |= 1 << code
+        return int(_spread(new, stuck, as_int(-1), count, t, s))
+    later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
+    if bits:
+        t.bits[stuck] |= 1 << PAIR_BIT
+    farthest_plans(g, t.after, later, margins, as_int(QUICK), t, s)
+    for i in range(t.x.shape[0]):
+        for j in range(i + 1, t.x.shape[0]):
+            if t.plan[i] != NO_PLAN and t.plan[j] != NO_PLAN and not (t.fixed[i] and t.fixed[j]):
+                count = _cut_pair_plans(g, i, j, count, t, s)
+    return count

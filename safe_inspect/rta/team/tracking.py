@@ -1,0 +1,132 @@
+"""Order of the deputies in the team's filter, and joint plans that are tracked, with the tubes about them; compiled."""
+
+from __future__ import annotations
+
+import math
+
+from safe_inspect.compiling import BORROWING, njit
+from safe_inspect.dynamics.cwh import RowState
+from safe_inspect.rta.backup.holds import held
+from safe_inspect.rta.backup.model import CLOSED, FIRST_PLAN, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
+from safe_inspect.rta.backup.plans import NO_PLAN, plan_thrust
+from safe_inspect.rta.backup.tracking import (
+    begin_plan,
+    follow_plan,
+    forget,
+    plan_after,
+    remembers,
+    tracking,
+    widened,
+)
+from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
+from safe_inspect.rta.constraints.rows import Margins
+from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
+from safe_inspect.types import BoolArray, FloatArray, IntArray
+
+
+@njit(**BORROWING)
+def state_of(x: FloatArray, i: int) -> RowState:
+    """Return a row of states as the tuple that the tests use."""
+    return x[i, 0], x[i, 1], x[i, 2], x[i, 3], x[i, 4], x[i, 5]
+
+
+@njit(**BORROWING)
+def beside(
+    g: TeamModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace
+) -> Margins:  # fmt: skip
+    """Widen the margins of a pair by the tube of one of its deputies, in a part of its motion, numbered from `HOLD`.
+
+    A deputy that is fixed is within the tube of the closed motion that it tracks.
+    """
+    if t.fixed[i]:
+        most = math.sqrt(3.0) * g.one.u_max
+        return widened(g.pair, margins, as_int(CLOSED), most, most)
+    if t.effort[i] < 0.0 and part != HOLD:
+        part += FIRST_PLAN - PLAN
+    return widened(g.pair, margins, part, t.effort[i], thrust)
+
+
+@njit(**BORROWING)
+def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWorkspace) -> bool:
+    """Write the thrusts that track the stored joint plan to `t.backup`; return whether there is one."""
+    for place in range(t.x.shape[0]):
+        plan = tracks[t.order[place]]
+        if t.fixed[place]:  # Its state is that of its plan, which has that thrust.
+            copy(t.desired[3 * place : 3 * place + 3], t.u)
+        elif remembers(plan):
+            tracking(g.one, gain, state_of(t.x, place), plan, t.u)
+        else:
+            return False
+        copy(t.u, t.backup[3 * place : 3 * place + 3])
+    return True
+
+
+@njit(**BORROWING)
+def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
+    """Store the joint plan of the present states."""
+    for place in range(t.x.shape[0]):
+        if not t.fixed[place]:
+            begin_plan(state_of(t.x, place), t.backup[3 * place : 3 * place + 3], tracks[t.order[place]])
+
+
+@njit(**BORROWING)
+def remember_plans(m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, t: TeamWorkspace, s: Workspace) -> None:
+    """Store the joint plan after the step: that of `t.best` if `moved`, otherwise the previous one continues."""
+    for place in range(t.x.shape[0]):
+        plan = tracks[t.order[place]]
+        if lost and not t.fixed[place]:
+            forget(plan)
+        elif moved and not t.fixed[place]:
+            u = t.best[3 * place : 3 * place + 3]
+            plan_thrust(m, held(m, state_of(t.x, place), u, HOLD_PIECES), t.kept[place], t.u)
+            plan_after(m, state_of(t.x, place), u, t.u, plan)
+        elif remembers(plan):
+            follow_plan(m, plan, s.trial, s.w)
+
+
+@njit(**BORROWING)
+def _before(position: FloatArray, fixed: BoolArray, i: int, j: int) -> bool:
+    if fixed[i] != fixed[j]:
+        return bool(fixed[i])
+    a, b = 0.0, 0.0
+    for axis in range(3):
+        a += position[i, axis] ** 2
+        b += position[j, axis] ** 2
+    return a < b
+
+
+@njit(**BORROWING)
+def enter(
+    m: FilterModel, position: FloatArray, velocity: FloatArray, desired: FloatArray, fixed: BoolArray, memory: IntArray,
+    tracks: FloatArray, t: TeamWorkspace,
+) -> None:  # fmt: skip
+    """Sort an environment's deputies into the order of the filter: those that coast first, then by range.
+
+    The result therefore does not depend on the order of the deputies, unless two have exactly the same range. A deputy
+    that coasts, but for which a plan is stored, applies the hold of that plan first, because the others assume it. For
+    a deputy that tracks its plan, `tracks` of shape (D, 10), the state is that of the plan.
+    """
+    for place in range(position.shape[0]):
+        t.order[place] = place
+    for place in range(1, position.shape[0]):
+        i, k = t.order[place], place
+        while k > 0 and _before(position, fixed, i, t.order[k - 1]):
+            t.order[k] = t.order[k - 1]
+            k -= 1
+        t.order[k] = i
+    for place in range(position.shape[0]):
+        i = t.order[place]
+        t.fixed[place], t.bits[place] = fixed[i], 0
+        t.hint[place] = memory[i] - 1
+        if t.hint[place] < 0 or t.hint[place] >= PLANS:
+            t.hint[place] = NO_PLAN
+        for axis in range(3):
+            t.x[place, axis], t.x[place, 3 + axis] = position[i, axis], velocity[i, axis]
+            t.u[axis] = 0.0 if fixed[i] else desired[i, axis]
+        if fixed[i] and remembers(tracks[i]):
+            copy(tracks[i, :6], t.x[place])
+            copy(tracks[i, 6:9], t.u)
+        elif fixed[i] and t.hint[place] != NO_PLAN:
+            plan_thrust(m, state_of(t.x, place), t.hint[place], t.u)
+        for axis in range(3):
+            t.desired[3 * place + axis] = min(max(t.u[axis], -m.u_max), m.u_max)
