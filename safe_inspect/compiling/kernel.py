@@ -203,7 +203,7 @@ def kept_in() -> Path | None:
     return machine_code_folder(digest_of(), _given_folder())
 
 
-def called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
+def _called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
     """Return kernels and all kernels that they call, directly or indirectly."""
     found: set[Kernel[..., Any]] = set()
     waiting = list(kernels)
@@ -223,7 +223,7 @@ def _named_in(function: Any) -> Iterator[Kernel[..., Any]]:
         yield from (each for each in (value, *members) if isinstance(each, Kernel))
 
 
-def source_of(kernel: Kernel[..., Any]) -> str:
+def _source_of(kernel: Kernel[..., Any]) -> str:
     """Return the file that defines a kernel."""
     return inspect.getsourcefile(kernel.__wrapped__) or ""
 
@@ -244,10 +244,10 @@ def _given_folder() -> str:
 def _folder_for(kernel: Kernel[..., Any]) -> Path | None:
     """Return the folder for the machine code of a kernel, or None if none can be written."""
     folder = kept_in()
-    if folder is None or _in_package(source_of(kernel)):
+    if folder is None or _in_package(_source_of(kernel)):
         return folder
-    others = {source for source in map(source_of, called_by([kernel])) if not _in_package(source)}
-    others.discard(source_of(kernel))  # Numba checks this file itself
+    others = {source for source in map(_source_of, _called_by([kernel])) if not _in_package(source)}
+    others.discard(_source_of(kernel))  # Numba checks this file itself
     return folder / digest_of_files(others)[:16] if others else folder
 
 
@@ -286,7 +286,7 @@ def generate(
     digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
     for label, kernel in sorted(kernels.items()):
         digest.update(f"{label} {kernel.__module__} {kernel.__qualname__}".encode())
-    digest.update(digest_of_files(map(source_of, called_by(kernels.values()))).encode())
+    digest.update(digest_of_files(map(_source_of, _called_by(kernels.values()))).encode())
     key = digest.hexdigest()[:24]
     if key not in _functions:
         path = _written(f"{name}_{key}.py", source)

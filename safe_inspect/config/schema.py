@@ -38,7 +38,7 @@ def model_schema(model: type[BaseModel]) -> dict[str, Any]:
     definitions = schema["$defs"]
     named = {cls: str(reference["$ref"]).rpartition("/")[2] for (cls, _), reference in references.items()}
     for kind, found in plugins.items():
-        definitions[f"functor.{kind}"] = {"anyOf": [functor_schema(cls, definitions[named[cls]]) for cls in found]}
+        definitions[f"functor.{kind}"] = {"anyOf": [_functor_schema(cls, definitions[named[cls]]) for cls in found]}
     own = definitions.pop(named[model])
     spelt: dict[str, Any] = _spell_out({**own, "$defs": definitions})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **spelt}
@@ -52,7 +52,7 @@ def _spell_out(node: Any) -> Any:
     return [_spell_out(item) for item in node] if isinstance(node, list) else node
 
 
-def functor_schema(cls: type[Plugin], fields: dict[str, Any]) -> dict[str, Any]:
+def _functor_schema(cls: type[Plugin], fields: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of one plugin's mapping: its name, its fields with their units, and its wrapped plugins.
 
     Args:

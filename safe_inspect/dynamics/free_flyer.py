@@ -37,7 +37,7 @@ class FreeFlight(NamedTuple):
 
 
 @njit(error_model="numpy")
-def free_flyer_row(
+def _free_flyer_row(
     flight: FreeFlight,
     position: FloatArray,
     velocity: FloatArray,
@@ -101,7 +101,7 @@ class FreeFlyer(Dynamics):
             the steps of the agents.
     """
 
-    row: ClassVar[Kernel[..., float]] = free_flyer_row
+    row: ClassVar[Kernel[..., float]] = _free_flyer_row
     arrays: ClassVar[Mapping[str, ArraySpec]] = {
         **TURNING_ARRAYS,
         "wrench": ArraySpec((6,)),

@@ -20,7 +20,7 @@ _LEAST_ROWS = 16
 
 
 @dataclass
-class Decided:
+class _Decided:
     """Result of the control steps of N environments up to the next decision of an agent in each.
 
     Attributes:
@@ -43,7 +43,7 @@ def decide(
     gamma: float = 1.0,
     resting: BoolArray | None = None,
     follow: Callable[[BoolArray], None] | None = None,
-) -> Decided:
+) -> _Decided:
     """Take control steps until, in every environment, an agent needs a new decision or has ended.
 
     If no actions hold for several control steps, or all environments rest, this is one control step, and the infos are
@@ -64,11 +64,11 @@ def decide(
         if follow is not None:
             follow(np.ones(count, dtype=np.bool_))
         found = [transition.groups[index] for index in environment.acting_indices]
-        return Decided(found, [transition_info(group, transition.filtered) for group in found], transition.over)
+        return _Decided(found, [transition_info(group, transition.filtered) for group in found], transition.over)
     flights = _Flights(environment, actions, np.ones(count, dtype=np.bool_) if resting is None else ~resting)
     flights.divisible &= follow is None
     elapsed, discount = np.zeros(count, dtype=np.int64), np.ones(count)
-    decided: Decided | None = None
+    decided: _Decided | None = None
     observes_coasting, environment.observes_coasting = environment.observes_coasting, False
     try:
         while flights.running.any():
@@ -79,7 +79,7 @@ def decide(
             if decided is None:
                 kept = [transition_info(group, transition.filtered) for group in found]
                 infos = [{name: np.array(array) for name, array in info.items()} for info in kept]
-                decided = Decided(found, infos, transition.over.copy())
+                decided = _Decided(found, infos, transition.over.copy())
                 for group in found:
                     for value in (group.reward, *group.terms.values()):
                         value[~flights.running] = 0.0
@@ -200,7 +200,7 @@ class _Flights(FlyingRows):
             self._whole.simulation.unpause(each)
 
 
-def _add(decided: Decided, found: list[Transition], rows: IntArray, running: BoolArray, weights: AnyArray) -> None:
+def _add(decided: _Decided, found: list[Transition], rows: IntArray, running: BoolArray, weights: AnyArray) -> None:
     """Add the rewards of a control step to the totals of some environments, with weights of shape (F, 1).
 
     Args:
@@ -217,7 +217,7 @@ def _add(decided: Decided, found: list[Transition], rows: IntArray, running: Boo
 
 
 def _settle(
-    decided: Decided, transition: TeamTransition, found: list[Transition], rows: IntArray, settled: BoolArray
+    decided: _Decided, transition: TeamTransition, found: list[Transition], rows: IntArray, settled: BoolArray
 ) -> None:
     """Store the result of a control step for the environments that need a new decision after it.
 

@@ -32,7 +32,7 @@ def _copy(number: int) -> int:
     return number
 
 
-class TermCall(NamedTuple):
+class _TermCall(NamedTuple):
     """A row term that the kernel calls.
 
     Attributes:
@@ -49,7 +49,7 @@ class TermCall(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedProgram:
+class _PlacedProgram:
     """A program for states of one size.
 
     Attributes:
@@ -70,7 +70,7 @@ class PlacedProgram:
     terms: tuple[PlacedTerm, ...]
 
 
-class Program:
+class _Program:
     """The calculations of every step for a group.
 
     Args:
@@ -89,8 +89,8 @@ class Program:
 
     def __init__(self, group: AgentGroup, world: World) -> None:
         self._group, self._world = group.group, world
-        self._calls: list[TermCall] = [
-            TermCall(kernel.STATUS, 0, RowTerm(_copy, (OwnArray("finished"),)), (np.int8, 0))
+        self._calls: list[_TermCall] = [
+            _TermCall(kernel.STATUS, 0, RowTerm(_copy, (OwnArray("finished"),)), (np.int8, 0))
         ]
         self._columns: dict[str, slice] = {}
         self.glues: list[tuple[Any, slice]] = []
@@ -107,7 +107,7 @@ class Program:
         self.foreign = bool(self.glues or self.sensors or self.rewards or self.dones)
         self._endings = [(int(named.functor.status), int(named.functor.truncates)) for named in group.dones]
 
-    def place(self, state: State, readings: FloatArray) -> PlacedProgram:
+    def place(self, state: State, readings: FloatArray) -> _PlacedProgram:
         """Return the program for states of the same size as the given one.
 
         Args:
@@ -127,7 +127,7 @@ class Program:
             terms.append(placed)
             calls.append((call.kind, call.target, placed.address, placed.table_address))
         asked = any(isinstance(given, Intervening) for call in self._calls for given in call.term.inputs)
-        return PlacedProgram(
+        return _PlacedProgram(
             np.array(calls, dtype=np.int64),
             np.array([*self._endings, (state.num_envs, len(observed))], dtype=np.int64),
             readings[:rows],
@@ -136,7 +136,7 @@ class Program:
             tuple(terms),
         )
 
-    def _observed(self) -> list[TermCall]:
+    def _observed(self) -> list[_TermCall]:
         """Return the calls whose readings no reward or done uses, neither directly nor through another reading."""
         wanted: set[int] = set()
         observed = []
@@ -152,7 +152,7 @@ class Program:
         term = plugin.row(self._world, self._group)
         if term is not None:
             self._read(term)
-            self._calls.append(TermCall(kind, target, term, plugin.row_result()))
+            self._calls.append(_TermCall(kind, target, term, plugin.row_result()))
         return term is not None
 
     def _add(self, kind: int, plugins: list[Any]) -> list[int]:
@@ -212,11 +212,11 @@ class FusedGroup:
 
     def __init__(self, group: AgentGroup, world: World) -> None:
         self._group = group
-        self._program = Program(group, world)
+        self._program = _Program(group, world)
         self._term_count, self._done_count = len(group.agent.rewards), len(group.dones)
         self._readings = np.empty((0, self._program.width))
-        self._placed: dict[int, PlacedProgram] = {}
-        self._bases: dict[int, tuple[State, State, PlacedProgram, IntArray, Any]] = {}
+        self._placed: dict[int, _PlacedProgram] = {}
+        self._bases: dict[int, tuple[State, State, _PlacedProgram, IntArray, Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """Exclude from copies the data that belong to the memory of this process and of the current states."""
@@ -289,7 +289,7 @@ class FusedGroup:
             self._group.check_unobserved(view, before)
         return StepOutcome(observation, values, flags[:-1], status, bool(found & kernel.ENDED))
 
-    def _place(self, state: State) -> PlacedProgram:
+    def _place(self, state: State) -> _PlacedProgram:
         """Return the program for a state; the locations of its inputs depend only on the number of environments."""
         found = self._placed.get(state.num_envs)
         if found is None or found.specs is not state.specs:
@@ -317,7 +317,7 @@ class FusedGroup:
             readings[:, columns] = view.reading(sensor)
 
 
-def _bases(before: State, after: State, placed: PlacedProgram) -> IntArray:
+def _bases(before: State, after: State, placed: _PlacedProgram) -> IntArray:
     """Return the start addresses of the memory that the terms read."""
     bases = np.zeros(len(MemoryBase), dtype=np.int64)
     bases[MemoryBase.AFTER], bases[MemoryBase.BEFORE] = address_of(after.floats), address_of(before.floats)

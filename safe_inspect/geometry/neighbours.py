@@ -24,7 +24,7 @@ def _squared_distance(position: FloatArray, one: int, other: int) -> float:
 
 
 @njit
-def next_nearest(
+def _next_nearest(
     position: FloatArray, deputies: int, own: int, max_range: float, last: int, beyond: float
 ) -> tuple[int, float]:
     """Return the nearest other deputy after the last one within a range; in a tie the lower index comes first.
@@ -68,7 +68,7 @@ def nearest_positions(deputies: int, max_range: float, own: int, position: Float
     last, squared = -1, -1.0
     for place in range(0, len(relative), 3):
         if last >= 0 or place == 0:
-            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
+            last, squared = _next_nearest(position, deputies, own, max_range, last, squared)
         if last >= 0:
             for axis in range(3):
                 relative[place + axis] = position[last, axis] - position[own, axis]
@@ -90,7 +90,7 @@ def nearest_velocities(
     last, squared = -1, -1.0
     for place in range(0, len(relative), 3):
         if last >= 0 or place == 0:
-            last, squared = next_nearest(position, deputies, own, max_range, last, squared)
+            last, squared = _next_nearest(position, deputies, own, max_range, last, squared)
         for axis in range(3):
             relative[place + axis] = velocity[last, axis] - velocity[own, axis] if last >= 0 else 0.0
 

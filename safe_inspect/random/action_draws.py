@@ -115,7 +115,7 @@ class Categorical:
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
         """Sample actions; see `Distribution.draw`."""
-        draw_categorical(inputs, self.sizes, explore, rows, *out)
+        _draw_categorical(inputs, self.sizes, explore, rows, *out)
 
 
 class Greedy(Categorical):
@@ -159,7 +159,7 @@ class Hurdle:
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
         """Sample actions; see `Distribution.draw`."""
-        draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
+        _draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
 
 
 def draw_in_rollout(
@@ -220,7 +220,7 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
         density = 0.0
         for block in range((width + 3) // 4):
             if explore:
-                normals_of(rows, n, block, width, normal)
+                _normals_of(rows, n, block, width, normal)
             else:
                 normal[:] = 0.0
             for j in range(4 * block, min(4 * block + 4, width)):
@@ -233,7 +233,7 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
 
 
 @njit
-def draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform: float) -> tuple[int, float]:
+def _draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform: float) -> tuple[int, float]:
     """Return an index that is sampled with the probabilities softmax(logits), and the logarithm of its probability.
 
     Args:
@@ -261,7 +261,7 @@ def draw_choice(logits: AnyArray, first: int, size: int, explore: bool, uniform:
 
 
 @njit
-def draw_categorical(
+def _draw_categorical(
     inputs: AnyArray, sizes: IntArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
 ) -> None:
     """Sample an index for each element, with the probabilities softmax(logits).
@@ -280,9 +280,9 @@ def draw_categorical(
         first, total = 0, 0.0
         for j in range(width):
             if explore and j % 4 == 0:
-                uniforms_of(rows, n, j // 4, width, uniform)
+                _uniforms_of(rows, n, j // 4, width, uniform)
             size = sizes[j]
-            chosen, log_share = draw_choice(inputs[n], first, size, explore, uniform[j % 4])
+            chosen, log_share = _draw_choice(inputs[n], first, size, explore, uniform[j % 4])
             action[n, j] = np.float32(chosen)
             total += log_share
             first += size
@@ -290,7 +290,7 @@ def draw_categorical(
 
 
 @njit
-def draw_hurdle(
+def _draw_hurdle(
     inputs: AnyArray,
     numbers: int,
     choices: int,
@@ -317,12 +317,12 @@ def draw_hurdle(
         logit = np.float64(inputs[n, 0])
         burns = logit > 0.0
         if explore:
-            uniforms_of(rows, n, blocks, width, uniform)
+            _uniforms_of(rows, n, blocks, width, uniform)
             burns = uniform[0] < 1.0 / (1.0 + math.exp(-logit))
         density = log_logistic(logit if burns else -logit)
         for j in range(numbers):
             if explore and burns and j % 4 == 0:
-                normals_of(rows, n, j // 4, width, normal)
+                _normals_of(rows, n, j // 4, width, normal)
             if burns:
                 mean, log_std = np.float64(inputs[n, 1 + j]), np.float64(inputs[n, 1 + numbers + j])
                 std = math.exp(log_std)
@@ -332,7 +332,7 @@ def draw_hurdle(
             else:
                 action[n, j] = np.float32(0.0)
         if choices:
-            chosen, log_share = draw_choice(inputs[n], 1 + 2 * numbers, choices, explore, uniform[1])
+            chosen, log_share = _draw_choice(inputs[n], 1 + 2 * numbers, choices, explore, uniform[1])
             action[n, numbers] = np.float32(chosen)
             density += log_share
         log_probability[n] = np.float32(density)
@@ -354,7 +354,7 @@ def _words(rows: DrawRows, n: int, block: int, width: int) -> tuple[np.uint64, n
 
 
 @njit
-def uniforms_of(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArray) -> None:
+def _uniforms_of(rows: DrawRows, n: int, block: int, width: int, uniform: FloatArray) -> None:
     """Write four independent uniform numbers in (0, 1)."""
     w0, w1, w2, w3 = _words(rows, n, block, width)
     uniform[0], uniform[1] = (np.float64(w0) + 0.5) * _UNIT, (np.float64(w1) + 0.5) * _UNIT
@@ -362,7 +362,7 @@ def uniforms_of(rows: DrawRows, n: int, block: int, width: int, uniform: FloatAr
 
 
 @njit
-def normals_of(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
+def _normals_of(rows: DrawRows, n: int, block: int, width: int, normal: FloatArray) -> None:
     """Write four independent standard normal numbers, computed with the Box-Muller transform."""
     w0, w1, w2, w3 = _words(rows, n, block, width)
     radius = math.sqrt(-2.0 * math.log((np.float64(w0) + 0.5) * _UNIT))

@@ -108,7 +108,7 @@ def project(a: FloatArray, c: FloatArray, rows: int, target: FloatArray, out: Fl
 
 
 @njit(**BORROWING)
-def write_box(a: FloatArray, c: FloatArray, limit: float) -> None:
+def _write_box(a: FloatArray, c: FloatArray, limit: float) -> None:
     """Write |u_i| <= limit to the first six half-spaces."""
     for axis in range(3):
         for side in range(2):
@@ -139,7 +139,7 @@ def nearest(
         True if all rows can be satisfied.
     """
     a, c, size = p.a, p.c, p.size
-    write_box(a, c, limit)
+    _write_box(a, c, limit)
     used, met = 6, True
     for i in range(count):
         length = math.sqrt(rows[i, 0] ** 2 + rows[i, 1] ** 2 + rows[i, 2] ** 2)

@@ -63,7 +63,7 @@ DEPUTIES = 3
 
 
 @njit(error_model="numpy")
-def sample_vehicle_row(
+def _sample_vehicle_row(
     step_size: float,
     phi: FloatArray,
     gamma: FloatArray,
@@ -92,7 +92,7 @@ class SampleVehicle(Dynamics):
         mean_motion: Mean motion of the chief's orbit [rad/s].
     """
 
-    row: ClassVar[Kernel[..., float]] = sample_vehicle_row
+    row: ClassVar[Kernel[..., float]] = _sample_vehicle_row
     arrays: ClassVar[Mapping[str, ArraySpec]] = TURNING_ARRAYS
 
     mean_motion: PositiveAngularRate = 0.001027

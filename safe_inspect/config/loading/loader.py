@@ -67,7 +67,7 @@ def _similar_file(name: str, tried: list[Path], including: Path | None) -> str:
     return ""
 
 
-def display_path(path: Path) -> str:
+def _display_path(path: Path) -> str:
     """Return a path as messages print it: relative to the working directory if it is inside it."""
     below = path.is_relative_to(Path.cwd())
     return (path.relative_to(Path.cwd()) if below else path).as_posix()
@@ -193,11 +193,11 @@ class _Loading:
         path = next((place for place in tried if os.path.lexists(place)), None)
         if path is None:
             what = "no file" if location is None else "the included file does not exist:"
-            looked = ", ".join(display_path(place) for place in tried)
+            looked = ", ".join(_display_path(place) for place in tried)
             return self._wrong(f"{what} {name!r} (searched: {looked})", location, _similar_file(name, tried, including))
         if path in self._chain:
             chain = [*self._chain[self._chain.index(path) :], path]
-            arrows = " -> ".join(display_path(file) for file in chain)
+            arrows = " -> ".join(_display_path(file) for file in chain)
             return self._wrong(f"circular `!include`: {arrows}", location, "remove one `!include`")
         if path not in self._trees:
             self._chain.append(path)
@@ -208,7 +208,7 @@ class _Loading:
         return self._trees[path]
 
     def _read(self, path: Path, location: Location | None) -> Any:
-        file = display_path(path)
+        file = _display_path(path)
         if path.is_dir():
             names = sorted(entry.name for entry in path.iterdir() if entry.suffix in (".yml", ".yaml"))
             files = f"name one of its files: {', '.join(names)}" if names else "name a file"

@@ -43,7 +43,7 @@ _ROUNDING = 1e-13
 _TRIES = 12
 
 
-class TurningBody(NamedTuple):
+class _TurningBody(NamedTuple):
     """Constants of a body that turns.
 
     Attributes:
@@ -77,7 +77,7 @@ def _within(rate: float, limit: float, held: int) -> float:
 
 
 @njit(error_model="numpy")
-def turning_rates(body: TurningBody, x: RotationState, moment: Vector, held: Held) -> RotationState:
+def _turning_rates(body: _TurningBody, x: RotationState, moment: Vector, held: Held) -> RotationState:
     """Return the time derivatives of the attitude [1/s] and the angular velocity [rad/s^2].
 
     Args:
@@ -100,7 +100,7 @@ def turning_rates(body: TurningBody, x: RotationState, moment: Vector, held: Hel
 
 
 @njit(error_model="numpy")
-def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
+def _acceleration(body: _TurningBody, x: CoupledState, force: Vector) -> Vector:
     """Return the acceleration in Hill's frame under a force per kilogram [m/s^2]."""
     q, p, v = x
     fx, fy, fz = force
@@ -111,9 +111,9 @@ def _acceleration(body: TurningBody, x: CoupledState, force: Vector) -> Vector:
 
 
 @njit(error_model="numpy")
-def _stage(body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
+def _stage(body: _TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held) -> CoupledState:
     """Return the time derivatives of the whole state."""
-    return turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
+    return _turning_rates(body, x[0], moment, held), x[2], _acceleration(body, x, force)
 
 
 @njit(error_model="numpy")
@@ -123,7 +123,7 @@ def _moved(x: CoupledState, rate: CoupledState, dt: float) -> CoupledState:
 
 @njit(error_model="numpy")
 def _substep(
-    body: TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held, dt: float
+    body: _TurningBody, x: CoupledState, force: Vector, moment: Vector, held: Held, dt: float
 ) -> CoupledState:  # fmt: skip
     """Return the state after one step of the classical Runge-Kutta method; the attitude is not normalised."""
     k1 = _stage(body, x, force, moment, held)
@@ -163,7 +163,7 @@ def _tidied(x: CoupledState, limit: float) -> CoupledState:
 
 
 @njit(error_model="numpy")
-def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vector) -> CoupledState:
+def _coupled_step(body: _TurningBody, x: CoupledState, force: Vector, moment: Vector) -> CoupledState:
     """Return the state after a step in which force and moment are held.
 
     The steps of the classical Runge-Kutta method end where an axis reaches its limit. The time at which it does is
@@ -196,9 +196,9 @@ def coupled_step(body: TurningBody, x: CoupledState, force: Vector, moment: Vect
 
 
 @njit(error_model="numpy")
-def rests(body: TurningBody, x: RotationState, moment: Vector) -> bool:
+def rests(body: _TurningBody, x: RotationState, moment: Vector) -> bool:
     """Return whether the attitude and the angular velocity do not change."""
-    rates = turning_rates(body, x, moment, (0, 0, 0))
+    rates = _turning_rates(body, x, moment, (0, 0, 0))
     moves = 0.0
     for rate in rates:
         moves = max(moves, abs(rate))
@@ -206,14 +206,14 @@ def rests(body: TurningBody, x: RotationState, moment: Vector) -> bool:
 
 
 @njit(error_model="numpy")
-def vector_of(array: FloatArray, start: int) -> Vector:
+def _vector_of(array: FloatArray, start: int) -> Vector:
     """Return three numbers of an array."""
     return array[start], array[start + 1], array[start + 2]
 
 
 @njit(error_model="numpy")
-def clohessy_wiltshire_attitude_row(
-    body: TurningBody,
+def _clohessy_wiltshire_attitude_row(
+    body: _TurningBody,
     phi: FloatArray,
     gamma: FloatArray,
     position: FloatArray,
@@ -224,11 +224,11 @@ def clohessy_wiltshire_attitude_row(
     mass: float,
 ) -> float:
     """Advance one body; see `Dynamics`. Without thrust its position follows the exact map."""
-    force, moment = vector_of(control, 0), vector_of(control, 3)
+    force, moment = _vector_of(control, 0), _vector_of(control, 3)
     rate: float = (abs(force[0]) + abs(force[1]) + abs(force[2])) / mass
     q, w = orientation, angular_velocity
     turning = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-    p, v = vector_of(position, 0), vector_of(velocity, 0)
+    p, v = _vector_of(position, 0), _vector_of(velocity, 0)
     if rate == 0.0:
         coasted = cwh_row(phi, gamma, row_state(position, velocity), 0.0, 0.0, 0.0)
         for k in range(3):
@@ -236,7 +236,7 @@ def clohessy_wiltshire_attitude_row(
         if rests(body, turning, moment):
             return rate
     shares = (force[0] / mass, force[1] / mass, force[2] / mass)
-    after = coupled_step(body, (turning, p, v), shares, moment)
+    after = _coupled_step(body, (turning, p, v), shares, moment)
     for k in range(4):
         orientation[k] = after[0][k]
     for k in range(3):
@@ -268,7 +268,7 @@ class ClohessyWiltshireAttitude(Dynamics):
         substeps: Integration steps in a physics step, plus one for each limit that is reached in it.
     """
 
-    row: ClassVar[Kernel[..., float]] = clohessy_wiltshire_attitude_row
+    row: ClassVar[Kernel[..., float]] = _clohessy_wiltshire_attitude_row
     arrays: ClassVar[Mapping[str, ArraySpec]] = TURNING_ARRAYS
     control_size: ClassVar[int] = 6
     control_unit: ClassVar[str] = "N and N m"
@@ -290,7 +290,7 @@ class ClohessyWiltshireAttitude(Dynamics):
         """Return the body, the transition matrix, shape (6, 6), and the input matrix for 1 kg, shape (6, 3)."""
         rate, acceleration = (x if x is not None else math.inf for x in (self.rate_limit, self.acceleration_limit))
         motion = (self.mean_motion, self.frame_rate, self.inertia, rate, acceleration)
-        body = TurningBody(*motion, self.body_frame_thrust, step_size, self.substeps)
+        body = _TurningBody(*motion, self.body_frame_thrust, step_size, self.substeps)
         return body, *transition(self.mean_motion, 1.0, step_size)
 
     def initial(self) -> Mapping[str, Sequence[float]]:

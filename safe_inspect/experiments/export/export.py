@@ -64,7 +64,7 @@ class ExportDifference:
         return bool(self.action <= EXPORT_TOLERANCE and self.inputs <= EXPORT_TOLERANCE)
 
 
-def compare_readings(policy: OnnxPolicy, module: Any, *readings: AnyArray) -> ExportDifference:
+def _compare_readings(policy: OnnxPolicy, module: Any, *readings: AnyArray) -> ExportDifference:
     """Compare a file with the checkpoint's module.
 
     The module gets the readings as the metadata of the file normalise them. For a recurrent policy the rows are
@@ -128,7 +128,7 @@ def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, s
     return np.asarray(space.sample() * width + centre, dtype=np.float32)
 
 
-def flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
+def _flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
     """Return the observations of rollouts of the file in SI units, float32, shape (T, R, O); other agents coast."""
     mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
     others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
@@ -247,9 +247,9 @@ def write_policy(
     with new_file(path, "give another --output") as work:
         work.write_bytes(seal(build_file(net, info, title)))
         written = load_onnx(work)
-        flown = flown_readings(written, spec)
+        flown = _flown_readings(written, spec)
         random = random_readings(agent, info, _RANDOM_STEPS, _RANDOM_ROWS)
-        difference = compare_readings(written, module, random, flown)
+        difference = _compare_readings(written, module, random, flown)
         if not difference.passes:
             raise CheckpointError(
                 f"{title}: the exported policy differs from the given one by {difference.action:.1e} of the action's "

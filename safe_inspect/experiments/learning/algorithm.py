@@ -71,7 +71,7 @@ def build_config(
     config = default_config(settings["algorithm"])
     buffer = getattr(config, "replay_buffer_config", None)
     _apply(config, rllib)
-    set_connectors(config, settings)
+    _set_connectors(config, settings)
     if buffer is not None:
         set_replay_buffer(config, {**buffer, **settings.get("replay_buffer_config", {})}, several=bool(policies))
     environments = {**env_config, "several": bool(policies)}
@@ -201,14 +201,14 @@ def _set_policies(
     model, algorithm = settings["model_config"], settings["algorithm"]
     entry = settings.get("rl_module")
     if not policies:
-        spec = own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
+        spec = _own_module(entry, model) if entry else policy_spec(model, algorithm, texts.get(SINGLE))
         config.rl_module(rl_module_spec=spec)
         return {SINGLE: spec}
     specs = {}
     for name, policy in policies.items():
         if policy.trains:
             own = {**model, **policy.config.get("model_config", {})}
-            specs[name] = own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
+            specs[name] = _own_module(entry, own) if entry else policy_spec(own, algorithm, texts.get(name))
         else:
             specs[name] = frozen_spec(policy)
     config.rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=specs))
@@ -242,7 +242,7 @@ def _connectors(entries: Sequence[Mapping[str, Any]], where: str, *args: Any, **
     return [built_as(kind, "a ConnectorV2 of RLlib", entry, where) for entry in entries]
 
 
-def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
+def _set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None:
     """Set the connectors that an experiment names in RLlib's configuration.
 
     Raises:
@@ -260,7 +260,7 @@ def set_connectors(config: AlgorithmConfig, settings: Mapping[str, Any]) -> None
             receive(**{key: connectors})
 
 
-def own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSpec:
+def _own_module(entry: Mapping[str, Any], model: Mapping[str, Any]) -> RLModuleSpec:
     """Return RLlib's specification of a policy of the user's own class.
 
     Args:

@@ -118,7 +118,7 @@ def advantages_of(
 
 
 @njit(nogil=True)
-def clipped_surrogate(advantage: float, ratio: float, clip: float) -> tuple[float, float]:
+def _clipped_surrogate(advantage: float, ratio: float, clip: float) -> tuple[float, float]:
     """Return min(A r, A clamp(r, 1 - c, 1 + c)), and the derivative of its negative with respect to log r."""
     free, held = advantage * ratio, advantage * min(max(ratio, 1.0 - clip), 1.0 + clip)
     return min(free, held), (-free if free < held or 1.0 - clip <= ratio <= 1.0 + clip else 0.0)
@@ -169,13 +169,13 @@ def policy_gradient(
             entropy += log_std + 0.5 + HALF_LOG_2PI
         first = gate + 2 * numbers
         for j in range(len(sizes)):
-            log_softmax(inputs[i], first, sizes[j], logs)
-            log_softmax(old_inputs, first, sizes[j], old_logs)
+            _log_softmax(inputs[i], first, sizes[j], logs)
+            _log_softmax(old_inputs, first, sizes[j], old_logs)
             density += logs[first + int(actions[numbers + j])]
             first += sizes[j]
         advantage = float(sampled.advantages[row])
         ratio = math.exp(density - float(sampled.log_probabilities[row]))
-        surrogate, push = clipped_surrogate(advantage, ratio, terms.clip)
+        surrogate, push = _clipped_surrogate(advantage, ratio, terms.clip)
         sums[SURROGATE] += surrogate
         sums[ENTROPY] += p * entropy - p * log_p - (1.0 - p) * log_q
         if gate:
@@ -214,7 +214,7 @@ def policy_gradient(
 
 
 @njit(nogil=True)
-def log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
+def _log_softmax(logits: AnyArray, first: int, size: int, logs: FloatArray) -> None:
     """Write the logarithms of the probabilities of `size` logits, from index `first` on, into `logs`."""
     largest = float(logits[first])
     for k in range(first + 1, first + size):

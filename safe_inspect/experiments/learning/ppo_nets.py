@@ -183,7 +183,7 @@ def part_of(optimiser: Any, parameters: Sequence[torch.nn.Parameter]) -> FastAda
 
 
 @njit(nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def adam_step(
+def _adam_step(
     parameter: AnyArray,
     gradient: AnyArray,
     mean: AnyArray,
@@ -246,7 +246,7 @@ class FastAdam:
         for step, (parameter, mean, square), gradient in zip(self._steps, self._arrays, gradients, strict=True):
             step += 1.0
             count = float(step)
-            adam_step(
+            _adam_step(
                 parameter,
                 gradient.view(-1).numpy(),
                 mean,

@@ -84,7 +84,7 @@ def without(value: Any, names: Collection[str]) -> Any:
     return [without(item, names) for item in value] if isinstance(value, list) else value
 
 
-def short_text(value: Any) -> str:
+def _short_text(value: Any) -> str:
     """Return a value as text of at most 60 characters."""
     text = value if value == _MISSING else json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
@@ -236,7 +236,7 @@ def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> 
     if record["digest"] == digest(configuration):
         return
     found = [
-        f"  {path}: {short_text(old)} in the run, {short_text(new)} now"
+        f"  {path}: {_short_text(old)} in the run, {_short_text(new)} now"
         for path, old, new in differences(record["configuration"], configuration, missing=_MISSING)
     ]
     shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")

@@ -81,7 +81,7 @@ def candidate_gains(axis: Axis, frequencies: Iterable[float] = FREQUENCIES) -> l
     return [natural_gain(axis, frequency, damping) for frequency in frequencies for damping in _DAMPINGS]
 
 
-def stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
+def _stiffening_gains(axis: Axis, gain: FloatArray, steps: int) -> Iterator[FloatArray]:
     """Yield gains, shape (K, 2), that start near a constant one and whose natural frequency increases linearly.
 
     The bound of the reference shrinks towards the end of an approach. The same force therefore allows more feedback,
@@ -215,7 +215,7 @@ def design_tube(
     Args:
         request: The plan and the limits.
         gains: Gains K to choose from, shape (2,) or (K, 2) each; None for `candidate_gains` and the
-            `stiffening_gains` of the best of them.
+            `_stiffening_gains` of the best of them.
         reserve: Force that should remain [N].
         frequencies: Natural frequencies of the candidates [rad/s].
     """
@@ -233,7 +233,7 @@ def design_tube(
 
     best = min(tubes(gains or candidate_gains(axis, frequencies)), key=rank)
     if gains is None and not rank(best)[0]:
-        best = min([best, *tubes(stiffening_gains(axis, best.gain, len(available)))], key=rank)
+        best = min([best, *tubes(_stiffening_gains(axis, best.gain, len(available)))], key=rank)
     design = _design(request, best, available - best.force)
     return replace(design, refusal=_refusal(request.plan, design))
 
@@ -291,7 +291,7 @@ def design_by_clearance(request: DesignRequest, frequencies: tuple[float, ...] =
 
     best = best_of(candidate_gains(axis, frequencies), first.tube)
     if best.gain.ndim == 1:
-        best = best_of(stiffening_gains(axis, best.gain, steps), best)
+        best = best_of(_stiffening_gains(axis, best.gain, steps), best)
     return design_tube(request, (best.gain,))
 
 

@@ -23,7 +23,7 @@ from safe_inspect.types import FloatArray
 _ROUNDING = 1e-6
 
 
-def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
+def _reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bound:
     """Return the bound of the error of a plan's reference, with or without updates during the approach."""
     estimate, config = context.estimate, context.config
     period = config.mission.update_period if updated else None
@@ -32,7 +32,7 @@ def reference_bound(context: MissionContext, plan: Plan, *, updated: bool) -> Bo
     return bound
 
 
-def new_reference(context: MissionContext, plan: Plan) -> TrackedReference:
+def _new_reference(context: MissionContext, plan: Plan) -> TrackedReference:
     """Return the reference of a plan, computed with the newest estimate."""
     mission = context.config.mission
     tail = round(mission.hold_limit / mission.step) + 1
@@ -48,7 +48,7 @@ def renew_reference(context: MissionContext) -> None:
     following = context.following
     assert following is not None, "the reference can only be updated during an approach"
     plan, design, bound = following.plan, following.design, following.unrenewed
-    following.reference = reference = new_reference(context, plan)
+    following.reference = reference = _new_reference(context, plan)
     if context.phase is not Phase.TRACK:
         return
     k = context.step - following.first_step
@@ -276,7 +276,7 @@ def make_tube(context: MissionContext) -> None:
     plan, config = context.plan, context.config
     assert plan is not None, "a tube must only be made for a plan that was found"
     mission, actuator = config.mission, config.chaser.actuator
-    bound = reference_bound(context, plan, updated=True)
+    bound = _reference_bound(context, plan, updated=True)
     in_model = plan.position_target @ context.target.R_MT.T
     # The tide at a distance of the scenario's length from the reference; the tube must be narrower than that.
     tide = config.chaser.mass * largest_tide(mission.mean_motion, mission.length)
@@ -318,8 +318,8 @@ def start_approach(context: MissionContext) -> None:
     assert design is not None, "an approach must only start with a tube"
     context.on_approach = True
     context.outside = 0.0
-    unrenewed = reference_bound(context, plan, updated=False)
-    reference, tracker = new_reference(context, plan), context.config.tracker(design)
+    unrenewed = _reference_bound(context, plan, updated=False)
+    reference, tracker = _new_reference(context, plan), context.config.tracker(design)
     context.following = Following(plan, design, unrenewed, reference, context.step, tracker)
     context.reference_problem, context.has_left_bound = "", False
     renew_escape(context)

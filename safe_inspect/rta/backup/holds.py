@@ -33,7 +33,7 @@ def turned(sun: SunAngle, cos: float, sin: float) -> SunAngle:
 
 
 @njit(**BORROWING)
-def acceleration_at(n: float, x: RowState, w: Triple) -> Triple:
+def _acceleration_at(n: float, x: RowState, w: Triple) -> Triple:
     """Return the acceleration at a state, including the acceleration w of the thrust [m/s^2]."""
     return 3.0 * n * n * x[0] + 2.0 * n * x[4] + w[0], w[1] - 2.0 * n * x[3], w[2] - n * n * x[2]
 
@@ -49,8 +49,8 @@ def arc_cell(n: float, a: Node, b: Node, w: Triple, span: float) -> ArcCell:
         w: Constant acceleration of the thrust [m/s^2].
         span: Length of the cell [s].
     """
-    ax, ay, az = acceleration_at(n, a.state, w)
-    bx, by, bz = acceleration_at(n, b.state, w)
+    ax, ay, az = _acceleration_at(n, a.state, w)
+    bx, by, bz = _acceleration_at(n, b.state, w)
     acceleration = math.sqrt(max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz))
     eighth = 0.125 * span * span
     k = n * n * eighth

@@ -35,7 +35,7 @@ from safe_inspect.units import PositiveAcceleration, PositiveAngularRate, Positi
 APEX = 1.0
 
 
-class CollisionNumbers(NamedTuple):
+class _CollisionNumbers(NamedTuple):
     """Least ranges [m], minus infinity where there is no limit: at every moment, and of closed motions."""
 
     near: float
@@ -43,37 +43,37 @@ class CollisionNumbers(NamedTuple):
 
 
 @njit(**INLINED)
-def _too_near(p: CollisionNumbers, at: Any, margins: Margins) -> bool:
+def _too_near(p: _CollisionNumbers, at: Any, margins: Margins) -> bool:
     return bool(at.range < p.near + margins.length)
 
 
 @njit(**INLINED)
-def _near_uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
+def _near_uncertain(p: _CollisionNumbers, cell: Any, margins: Margins) -> bool:
     return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.near + margins.length)
 
 
 @njit(**INLINED)
-def _closed_broken(p: CollisionNumbers, at: Any, margins: Margins) -> bool:
+def _closed_broken(p: _CollisionNumbers, at: Any, margins: Margins) -> bool:
     return bool(at.range < p.closed_near + margins.coasting)
 
 
 @njit(**INLINED)
-def _closed_uncertain(p: CollisionNumbers, cell: Any, margins: Margins) -> bool:
+def _closed_uncertain(p: _CollisionNumbers, cell: Any, margins: Margins) -> bool:
     return bool(cell.size <= 0.0 or lowest(cell.near_a, cell.near_b, cell.dip) < p.closed_near + margins.coasting)
 
 
 @njit(**INLINED)
-def _near_slack(p: CollisionNumbers, at: Node) -> float:
+def _near_slack(p: _CollisionNumbers, at: Node) -> float:
     return at.range - p.closed_near
 
 
 @njit(**INLINED)
-def _near_gap(p: CollisionNumbers, at: Node) -> float:
+def _near_gap(p: _CollisionNumbers, at: Node) -> float:
     return at.range - p.near
 
 
 @njit(**INLINED)
-def _near_support(p: CollisionNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+def _near_support(p: _CollisionNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     d[0], d[1], d[2] = direction(at.state[0], at.state[1], at.state[2])
     return p.near + margins.length
 
@@ -110,12 +110,12 @@ class ChiefCollision(Constraint, name="chief_collision"):
         return not chosen.isdisjoint(("chief_collision", "PSM", "sun"))
 
     @classmethod
-    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> CollisionNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> _CollisionNumbers:
         """Return the least ranges; that of closed motions also covers passive safety and the apex of the sun cone."""
         near, passing = (
             float(chosen[name].collision_radius) if name in chosen else -math.inf for name in ("chief_collision", "PSM")
         )
-        return CollisionNumbers(near, max(near, passing, APEX if "sun" in chosen else -math.inf))
+        return _CollisionNumbers(near, max(near, passing, APEX if "sun" in chosen else -math.inf))
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
@@ -127,7 +127,7 @@ class ChiefCollision(Constraint, name="chief_collision"):
 _CLOSABLE = 0.9
 
 
-class MaximumRangeNumbers(NamedTuple):
+class _MaximumRangeNumbers(NamedTuple):
     """Largest range [m], infinity where there is no limit, and the range to which backup plans return [m]."""
 
     far: float
@@ -135,29 +135,29 @@ class MaximumRangeNumbers(NamedTuple):
 
 
 @njit(**INLINED)
-def _too_far(p: MaximumRangeNumbers, at: Any, margins: Margins) -> bool:
+def _too_far(p: _MaximumRangeNumbers, at: Any, margins: Margins) -> bool:
     return bool(at.range > p.far - margins.length)
 
 
 @njit(**INLINED)
-def _far_uncertain(p: MaximumRangeNumbers, cell: Any, margins: Margins) -> bool:
+def _far_uncertain(p: _MaximumRangeNumbers, cell: Any, margins: Margins) -> bool:
     if not cell.farthest > p.far - margins.length:
         return False
     return bool(lowest(-cell.a.range, -cell.b.range, cell.bend) < margins.length - p.far)
 
 
 @njit(**INLINED)
-def _far_slack(p: MaximumRangeNumbers, at: Node) -> float:
+def _far_slack(p: _MaximumRangeNumbers, at: Node) -> float:
     return p.far - at.range
 
 
 @njit(**INLINED)
-def _far_gap(p: MaximumRangeNumbers, at: Node) -> float:
+def _far_gap(p: _MaximumRangeNumbers, at: Node) -> float:
     return p.inside - at.range
 
 
 @njit(**INLINED)
-def _far_support(p: MaximumRangeNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+def _far_support(p: _MaximumRangeNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     ex, ey, ez = direction(at.state[0], at.state[1], at.state[2])
     d[0], d[1], d[2] = -ex, -ey, -ez
     return margins.length - p.far
@@ -186,11 +186,11 @@ class MaximumRange(Constraint, name="r_max"):
     bias: float = -1e-3
 
     @classmethod
-    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> MaximumRangeNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> _MaximumRangeNumbers:
         """Return the largest range, and the largest range of closed motions that the along-track speed limit allows."""
         far = float(chosen["r_max"].r_max) if "r_max" in chosen else math.inf
         fastest = float(chosen["y_vel"].vel_limit) if "y_vel" in chosen else math.inf
-        return MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * n)))
+        return _MaximumRangeNumbers(far, min(far, _CLOSABLE * fastest / (2.0 * n)))
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""

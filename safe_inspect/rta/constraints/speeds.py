@@ -27,7 +27,7 @@ from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeLength, NonNegativeSpeed, PositiveSpeed, SpeedSlope
 
 
-class RelativeSpeedNumbers(NamedTuple):
+class _RelativeSpeedNumbers(NamedTuple):
     """Speed limit v0 [m/s] (infinity where there is none) at the range d0 [m], its slope v1, mean motion n [1/s]."""
 
     v0: float
@@ -37,23 +37,23 @@ class RelativeSpeedNumbers(NamedTuple):
 
 
 @njit(**INLINED)
-def _relative_broken(p: RelativeSpeedNumbers, at: Any, margins: Margins) -> bool:
+def _relative_broken(p: _RelativeSpeedNumbers, at: Any, margins: Margins) -> bool:
     return bool(at.speed > p.v0 + p.v1 * (at.range - p.d0) - margins.speed)
 
 
 @njit(**INLINED)
-def _relative_uncertain(p: RelativeSpeedNumbers, cell: Any, margins: Margins) -> bool:
+def _relative_uncertain(p: _RelativeSpeedNumbers, cell: Any, margins: Margins) -> bool:
     a, b = p.v1 * cell.near_a - cell.a.speed, p.v1 * cell.near_b - cell.b.speed
     return bool(p.v0 - p.v1 * p.d0 + lowest(a, b, p.v1 * cell.dip + cell.slack) < margins.speed)
 
 
 @njit(**INLINED)
-def _relative_slack(p: RelativeSpeedNumbers, at: Node) -> float:
+def _relative_slack(p: _RelativeSpeedNumbers, at: Node) -> float:
     return (p.v0 + p.v1 * (at.range - p.d0) - at.speed) / p.n
 
 
 @njit(**INLINED)
-def _relative_support(p: RelativeSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+def _relative_support(p: _RelativeSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     x = at.state
     ex, ey, ez = direction(x[0], x[1], x[2])
     vx, vy, vz = direction(x[3], x[4], x[5])
@@ -63,7 +63,7 @@ def _relative_support(p: RelativeSpeedNumbers, at: Node, margins: Margins, d: Fl
 
 
 @njit(**INLINED)
-def _relative_limit(p: RelativeSpeedNumbers, at: Node) -> float:
+def _relative_limit(p: _RelativeSpeedNumbers, at: Node) -> float:
     return p.v0 + p.v1 * (at.range - p.d0)
 
 
@@ -121,19 +121,19 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
     bias: float = -1e-3
 
     @classmethod
-    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> RelativeSpeedNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> _RelativeSpeedNumbers:
         """Return the coefficients of the speed limit, and the mean motion."""
         if "rel_vel" not in chosen:
-            return RelativeSpeedNumbers(math.inf, 0.0, 0.0, n)
+            return _RelativeSpeedNumbers(math.inf, 0.0, 0.0, n)
         line = chosen["rel_vel"]
-        return RelativeSpeedNumbers(float(line.v0), float(line.v0_distance), float(line.v1), n)
+        return _RelativeSpeedNumbers(float(line.v0), float(line.v0_distance), float(line.v1), n)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m/s] and the derivatives of h."""
         return ConstraintValues.computed(_relative_values, state, self.v0, self.v0_distance, self.v1, self.smoothing)
 
 
-class AxisSpeedNumbers(NamedTuple):
+class _AxisSpeedNumbers(NamedTuple):
     """Largest speed [m/s] (infinity where there is no limit), index of the axis, and mean motion [1/s]."""
 
     limit: float
@@ -142,34 +142,34 @@ class AxisSpeedNumbers(NamedTuple):
 
 
 @njit(**INLINED)
-def _axis_broken(p: AxisSpeedNumbers, at: Node, margins: Margins) -> bool:
+def _axis_broken(p: _AxisSpeedNumbers, at: Node, margins: Margins) -> bool:
     return bool(abs(at.state[3 + p.axis]) > p.limit - margins.speed)
 
 
 @njit(**INLINED)
-def _axis_uncertain(p: AxisSpeedNumbers, cell: ArcCell, margins: Margins) -> bool:
+def _axis_uncertain(p: _AxisSpeedNumbers, cell: ArcCell, margins: Margins) -> bool:
     a, b = cell.a.state[3 + p.axis], cell.b.state[3 + p.axis]
     return bool(lowest(-abs(a), -abs(b), cell.slack) < margins.speed - p.limit)
 
 
 @njit(**INLINED)
-def _amplitude(p: AxisSpeedNumbers, speeds: Triple, margins: Margins) -> bool:
+def _amplitude(p: _AxisSpeedNumbers, speeds: Triple, margins: Margins) -> bool:
     return bool(speeds[p.axis] > p.limit - margins.speed)
 
 
 @njit(**INLINED)
-def _axis_slack(p: AxisSpeedNumbers, at: Node) -> float:
+def _axis_slack(p: _AxisSpeedNumbers, at: Node) -> float:
     return (p.limit - abs(at.state[3 + p.axis])) / p.n
 
 
 @njit(**INLINED)
-def _axis_support(p: AxisSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
+def _axis_support(p: _AxisSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     d[3 + p.axis] = -1.0 if at.state[3 + p.axis] > 0.0 else 1.0
     return margins.speed - p.limit
 
 
 @njit(**INLINED)
-def _axis_limit(p: AxisSpeedNumbers, at: Node) -> float:
+def _axis_limit(p: _AxisSpeedNumbers, at: Node) -> float:
     return p.limit
 
 
@@ -213,11 +213,11 @@ class AxisSpeed(Constraint):
         """Return the index of the axis: 0 radial, 1 along track, 2 cross track."""
 
     @classmethod
-    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> AxisSpeedNumbers:
+    def row_numbers(cls, n: float, chosen: Mapping[str, Any]) -> _AxisSpeedNumbers:
         """Return the largest speed along the axis, the index of the axis, and the mean motion."""
         name = cls.registered_name
         limit = float(chosen[name].vel_limit) if name in chosen else math.inf
-        return AxisSpeedNumbers(limit, cls.axis(), n)
+        return _AxisSpeedNumbers(limit, cls.axis(), n)
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m/s], h [m^2/s^2] and the derivatives of h."""

@@ -113,7 +113,7 @@ def _write_end(m: FilterModel, x: FloatArray, i: int, u: FloatArray, after: Floa
 
 
 @njit(**BORROWING)
-def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
+def _advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
     """Write the states after a joint control, shape (D, 6)."""
     for i in range(x.shape[0]):
         copy(control[3 * i : 3 * i + 3], t.u)
@@ -121,7 +121,7 @@ def advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: Floa
 
 
 @njit(**BORROWING)
-def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
+def _reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
     """Reset the results of the plans; deputies that coast have plan 0, if `now` with the thrust written by `enter`."""
     t.met[:] = _UNKNOWN
     for i in range(x.shape[0]):
@@ -136,7 +136,7 @@ def reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> N
 
 
 @njit(**BORROWING)
-def alone_safe(
+def _alone_safe(
     m: FilterModel, x: FloatArray, sun: SunAngle, i: int, plan: int, margins: Margins, t: TeamWorkspace, s: Workspace
 ) -> bool:  # fmt: skip
     """Return whether a plan of a deputy is safe regardless of the others; the result is stored."""
@@ -179,7 +179,7 @@ def _fits(
 ) -> bool:  # fmt: skip
     """Return whether a plan of the deputy at a place of the order is safe, and apart from the plans before it."""
     i = t.line[place]
-    if not alone_safe(g.one, x, sun, i, plan, margins, t, s):
+    if not _alone_safe(g.one, x, sun, i, plan, margins, t, s):
         return False
     if g.pairs:
         for k in range(place):
@@ -209,7 +209,7 @@ def joint_plan(
         The deputy that found no plan, or FOUND, and whether it has none even alone.
     """
     deputies = x.shape[0]
-    reset_plans(g.one, x, now, t)
+    _reset_plans(g.one, x, now, t)
     if now:
         t.effort[:] = NO_HOLD
     head = 0
@@ -298,7 +298,7 @@ def tested(
                 p += 1
     if broken:
         return UNSAFE_HOLD, FOUND, False
-    advance_team(g.one, t.x, control, t.after, t)
+    _advance_team(g.one, t.x, control, t.after, t)
     later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
     stuck, alone = joint_plan(g, t.after, later, margins, most, turns, False, t, s)
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
@@ -340,7 +340,7 @@ def farthest_plans(
                 continue
             for rank in range(most):
                 plan = ORDER[rank]
-                if alone_safe(g.one, x, sun, i, plan, margins, t, s):
+                if _alone_safe(g.one, x, sun, i, plan, margins, t, s):
                     least = _least_apart(g, i, plan, best, t)
                     if least > best:
                         best, chosen = least, plan

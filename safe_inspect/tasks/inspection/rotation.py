@@ -53,15 +53,15 @@ class FreeRotation(BaseModel):
             raise ValueError(f"the smallest `rate` {self.rate[0]:g} is above the largest {self.rate[1]:g}; swap them")
         return self
 
-    def steps(self, step_size: float) -> FreeSteps:
+    def steps(self, step_size: float) -> _FreeSteps:
         """Return the constants of the integration of a step [s]."""
         # The angular velocity grows at most by the ratio of the moments, since energy and momentum are constant.
         fastest = self.rate[1] * max(self.inertia) / min(self.inertia)
         substeps = max(math.ceil(step_size * fastest / _LARGEST_TURN), 1)
-        return FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
+        return _FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
 
 
-class FreeSteps(NamedTuple):
+class _FreeSteps(NamedTuple):
     """Constants: moments of inertia, range of rates [rad/s], integration step [s] and the number of these in a step."""
 
     inertia: tuple[float, float, float]
@@ -71,7 +71,7 @@ class FreeSteps(NamedTuple):
 
 
 @njit
-def draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def _draw_rotations(key: AnyArray, steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Write the first attitudes to inertial axes, shape (N, 4), and angular velocities in body axes, shape (N, 3).
 
     Source: Shoemake, "Uniform random rotations", Graphics Gems III, 1992, for the attitudes.
@@ -88,14 +88,14 @@ def draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin: 
 
 
 @njit
-def rotate_bodies(steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def rotate_bodies(steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Advance attitudes, shape (N, 4), and angular velocities, shape (N, 3), by a step."""
     for n in range(inertial.shape[0]):
         rotate_freely(steps.inertia, inertial[n], spin[n], steps.step, steps.substeps)
 
 
 @njit
-def in_frame(angles: FloatArray, inertial: FloatArray, orientation: FloatArray) -> None:
+def _in_frame(angles: FloatArray, inertial: FloatArray, orientation: FloatArray) -> None:
     """Write attitudes to Hill's frame, shape (N, 4), for attitudes to inertial axes.
 
     Args:
@@ -136,7 +136,7 @@ class BodyAxes(NamedTuple):
 
 
 @njit
-def rotate_steadily(turn: float, axis: Components, angle: FloatArray, orientation: FloatArray) -> None:
+def _rotate_steadily(turn: float, axis: Components, angle: FloatArray, orientation: FloatArray) -> None:
     """Add an angle [rad] to those of rotation, shape (N,), and write the attitudes to Hill's frame, shape (N, 4).
 
     The axis of rotation is a unit vector in Hill's frame.
@@ -309,7 +309,7 @@ class _SteadilyRotating(_Rotating):
         self._rotate(state, self._turn)
 
     def _rotate(self, state: State, turn: float) -> None:
-        rotate_steadily(turn, self._axis, state[_ANGLE], state[_ORIENTATION])
+        _rotate_steadily(turn, self._axis, state[_ANGLE], state[_ORIENTATION])
         self._write_in_axes(state)
 
 
@@ -321,7 +321,7 @@ class _FreelyRotating(_Rotating):
         self.arrays = {**self.arrays, _INERTIAL: ArraySpec((4,)), _SPIN: ArraySpec((3,))}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        draw_rotations(state["key"], self._steps, state[_INERTIAL], state[_SPIN])
+        _draw_rotations(state["key"], self._steps, state[_INERTIAL], state[_SPIN])
         self._follow(state)
 
     def step(self, state: State, running: BoolArray) -> None:
@@ -334,5 +334,5 @@ class _FreelyRotating(_Rotating):
             angles = np.stack((still, still, self._mean_motion * state["time"]), axis=1)
         else:
             angles = np.ascontiguousarray(state[self._orbit][:, [5, 3, 4]])  # node, inclination, argument of latitude
-        in_frame(angles, state[_INERTIAL], state[_ORIENTATION])
+        _in_frame(angles, state[_INERTIAL], state[_ORIENTATION])
         self._write_in_axes(state)

@@ -72,7 +72,7 @@ def predicted_sun(state: State, row: int, angle: FloatArray, world: World) -> tu
 
 
 @njit
-def turn_sun(turn: float, angle: FloatArray, beta: FloatArray, direction: FloatArray) -> None:
+def _turn_sun(turn: float, angle: FloatArray, beta: FloatArray, direction: FloatArray) -> None:
     """Add an angle to each sun angle [rad], shape (N,), and write the unit vectors to the sun, shape (N, 3).
 
     The beta angles [rad], shape (N,), do not change; an empty array: the sun is in the orbital plane.
@@ -86,7 +86,7 @@ def turn_sun(turn: float, angle: FloatArray, beta: FloatArray, direction: FloatA
 
 
 @njit
-def sun_of_orbit(
+def _sun_of_orbit(
     orbit: FloatArray, inertial: FloatArray, angle: FloatArray, beta: FloatArray, direction: FloatArray
 ) -> None:
     """Write the sun's angle, which continues without a jump, its beta angle and its direction in Hill's frame.
@@ -158,7 +158,7 @@ class SunDirection(BaseModel):
         return self
 
 
-def sun_on(date: datetime) -> tuple[float, float, float]:
+def _sun_on(date: datetime) -> tuple[float, float, float]:
     """Return the unit vector to the sun in the Earth's equatorial axes of that date, to about 0.01 degrees.
 
     Source: Vallado, "Fundamentals of Astrodynamics and Applications", 4th edition, 2013, algorithm 29.
@@ -230,7 +230,7 @@ class _RunningSun(RunningComponent):
         self._rate, self._turn, self._shadow = sun.rate, sun.rate * world.step_size, shadow
         self._beta, self._of_orbit = sun.beta_angle, "orbit" in world.offers.world
         date = sun.date
-        self._fixed = None if date is None else sun_on(date if date.tzinfo else date.replace(tzinfo=UTC))
+        self._fixed = None if date is None else _sun_on(date if date.tzinfo else date.replace(tzinfo=UTC))
         self.arrays = {"sun_angle": ArraySpec(()), "sun_direction": ArraySpec((3,))}
         if self._of_orbit:
             self.arrays |= {BETA: ArraySpec(()), _INERTIAL: ArraySpec((3,))}
@@ -245,10 +245,10 @@ class _RunningSun(RunningComponent):
         state["sun_angle"][:] = values.get("sun_angle", 0.0)
         if self._beta is not None:
             state[BETA][:] = values.get(BETA, self._beta)
-        turn_sun(0.0, state["sun_angle"], self._beta_of(state), state["sun_direction"])
+        _turn_sun(0.0, state["sun_angle"], self._beta_of(state), state["sun_direction"])
         if self._fixed is not None:
             state[_INERTIAL][:] = self._fixed
-            sun_of_orbit(state[ORBIT], state[_INERTIAL], *self._outputs(state))
+            _sun_of_orbit(state[ORBIT], state[_INERTIAL], *self._outputs(state))
         elif self._of_orbit:
             in_inertial_axes(state[ORBIT], state["sun_direction"], state[_INERTIAL])
         self._shade(state)
@@ -264,8 +264,8 @@ class _RunningSun(RunningComponent):
         """Return the kernel that turns the sun in a step, and its arguments."""
         outputs = self._outputs(state)
         if self._of_orbit:
-            return sun_of_orbit.dispatcher, (state[ORBIT], state[_INERTIAL], *outputs)
-        return turn_sun.dispatcher, (self._turn, *outputs)
+            return _sun_of_orbit.dispatcher, (state[ORBIT], state[_INERTIAL], *outputs)
+        return _turn_sun.dispatcher, (self._turn, *outputs)
 
     def _outputs(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         return state["sun_angle"], self._beta_of(state), state["sun_direction"]

@@ -28,7 +28,7 @@ from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import Length
 
 
-class TargetBody(NamedTuple):
+class _TargetBody(NamedTuple):
     """Rigid body in its principal axes T.
 
     Attributes:
@@ -42,7 +42,7 @@ class TargetBody(NamedTuple):
     boxes: BoxArrays
 
 
-class TargetArrays(NamedTuple):
+class _TargetArrays(NamedTuple):
     """Arrays of N environments that describe the target; all but the first two are computed from these two.
 
     Attributes:
@@ -63,7 +63,7 @@ class TargetArrays(NamedTuple):
 
 
 @njit
-def follow_target(body: TargetBody, dt: float, steps: int, arrays: TargetArrays, chasers: FloatArray) -> None:
+def _follow_target(body: _TargetBody, dt: float, steps: int, arrays: _TargetArrays, chasers: FloatArray) -> None:
     """Advance the target of each environment without torque, and write the quantities that depend on its attitude.
 
     Args:
@@ -93,7 +93,7 @@ _TUMBLE = "target_tumble"
 #: Longest step of the fourth-order Runge-Kutta method [s].
 _LONGEST_STEP = 0.5
 _AT_REST: Mapping[str, Any] = {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": 0.0}
-#: Names of the arrays, in the order of `TargetArrays`.
+#: Names of the arrays, in the order of `_TargetArrays`.
 _OF_TARGET = ("target_orientation", "target_angular_velocity", "mating_point_position", "mating_point_velocity")
 _OF_CHASER = ("clearance", "least_clearance")
 
@@ -134,7 +134,7 @@ class TumblingTarget(PassiveComponent):
         """Return the running target."""
         moments, rotation = principal_axes(np.array(self.inertia))
         boxes = boxes_in_principal_axes(self.boxes, self.scale, rotation)
-        body = TargetBody(moments / moments[2], np.array(self.mating_point, dtype=np.float64), boxes)
+        body = _TargetBody(moments / moments[2], np.array(self.mating_point, dtype=np.float64), boxes)
         steps = math.ceil(world.step_size / _LONGEST_STEP - 1e-9)
         return _RunningTarget(body, world.step_size / steps, steps, world.num_deputies)
 
@@ -148,7 +148,7 @@ class _RunningTarget(RunningComponent):
         "least_clearance": ("least clearance", "m"),
     }
 
-    def __init__(self, body: TargetBody, dt: float, steps: int, num_deputies: int) -> None:
+    def __init__(self, body: _TargetBody, dt: float, steps: int, num_deputies: int) -> None:
         self._body, self._dt, self._steps = body, dt, steps
         sizes = dict.fromkeys(_OF_CHASER, (num_deputies,)) | dict.fromkeys(_OF_TARGET, (3,)) | {_OF_TARGET[0]: (4,)}
         self.arrays = {name: ArraySpec(sizes[name]) for name in (*_OF_TARGET, *_OF_CHASER)}
@@ -176,5 +176,5 @@ class _RunningTarget(RunningComponent):
         return team.target_orientation, team.target_angular_velocity
 
     def _follow(self, state: State, steps: int) -> None:
-        arrays = TargetArrays(*(state[name] for name in (*_OF_TARGET, *_OF_CHASER)))
-        follow_target(self._body, self._dt, steps, arrays, state.position)
+        arrays = _TargetArrays(*(state[name] for name in (*_OF_TARGET, *_OF_CHASER)))
+        _follow_target(self._body, self._dt, steps, arrays, state.position)
