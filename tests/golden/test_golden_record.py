@@ -55,6 +55,7 @@ def test_a_mission_gives_the_recorded_figures(mission):
     """
     found, recorded, tolerance = figures(mission), RECORD["missions"][mission], MISSIONS[mission][2]
     assert found.keys() == recorded.keys()
+    assert found["largest_gauge"] <= 1.0, "the chaser left the tube"
     same = arithmetic() == RECORD["arithmetic"] or tolerance < 0.1
     for name, value in found.items():
         if not isinstance(value, float):

@@ -10,7 +10,7 @@ import pytest
 from safe_inspect.missions.mission import Mission, MissionResult
 from safe_inspect.missions.summary import mission_table, summarise_mission
 from safe_inspect.missions.truth import replay
-from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput
+from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput, TubeTracker
 from safe_inspect.rendezvous.control.tube import TrackedReference
 from safe_inspect.rendezvous.coordination import actions
 from safe_inspect.rendezvous.coordination.context import Phase, clearances
@@ -48,6 +48,16 @@ def test_a_mission_goes_from_start_to_mating_point(flown: MissionResult) -> None
     assert summary["mating_position_error"] < 0.03
     assert summary["largest_gauge"] < 1.0
     assert 0.0 < summary["attitude_error"] < np.deg2rad(5.0)
+
+
+def test_the_tube_holds_for_what_the_thrusters_do_from_plan_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With exact estimates, only noise along the axes of the body moves the chaser off the reference."""
+    asked, design = [], TubeTracker.design
+    monkeypatch.setattr(TubeTracker, "design", lambda self, request: asked.append(request) or design(self, request))
+    summary = Mission(_load(*_SHORT, "chaser.actuator.force_noise=20 mN").config, 2).run().summary
+    assert summary["success"], summary
+    assert 0.0 < summary["largest_gauge"] < 1.0
+    assert asked[0].force_error == pytest.approx(np.sqrt(3.0) * 0.02)
 
 
 def test_the_log_agrees_with_the_geometry(flown: MissionResult) -> None:

@@ -72,6 +72,31 @@ def test_errors_stay_inside_the_time_varying_tube(bound, frequency):
         error = error @ closed_loop.T + force[:, None] * AXIS.B + sign * PROCESS
 
 
+def test_the_tube_holds_for_a_plan_from_where_a_holding_chaser_was_seen():
+    """Forces that are not commanded move the chaser until it is seen there, and until the plan starts."""
+    force, rest, none = 5e-3, np.zeros((STEPS, 3)), np.zeros(STEPS)
+    times = AXIS.step * np.arange(STEPS)
+    plan = Plan(PlanStatus.SOLVED, 0.0, times[-1], times=times, position=rest, velocity=rest, force=rest)
+    exact = Bound(times, none, none, none, 0.95, 100)
+    tube = design_tube(DesignRequest(plan, exact, np.ones(STEPS), AXIS, TrackingLimits(), force)).tube
+    generator = np.random.default_rng(4)
+    rows, planning = 2000, 10
+    kept = 1.0 - np.linspace(0.0, 0.3, rows)  # how often the force of a row keeps its sign
+    x, signs = np.zeros((rows, 2)), generator.choice([-1.0, 1.0], rows)
+    seen = x
+    for step in range(400 + STEPS):
+        if step == 400 - planning:
+            seen = x
+        elif step == 400:
+            x = x - seen
+            assert np.abs(x[:, 0]).max() > 0.3 * tube.clearance[0]
+        if step >= 400:
+            assert np.abs(x[:, 0]).max() <= tube.clearance[step - 400] * (1.0 + 1e-9)
+        gain = tube.gain_at(step - 400) if step >= 400 else lqr_gain(AXIS)
+        signs = np.where(generator.uniform(size=rows) < kept, signs, -signs)
+        x = x @ AXIS.closed_loop(gain).T + force * signs[:, None] * AXIS.B
+
+
 def test_more_error_makes_a_wider_tube(bound):
     gain = natural_gain(AXIS, 0.22, 0.9)
     more = AxisBound(2.0 * bound.position, bound.velocity, bound.force, bound.process)

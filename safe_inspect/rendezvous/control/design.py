@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -178,11 +179,17 @@ class DesignRequest:
         """The path of the plan."""
         return TrackedReference(self.plan.position, self.plan.velocity, self.plan.tide)
 
-    @property
+    @cached_property
     def disturbance(self) -> AxisBound:
-        """The disturbance of an axis: the bound of the reference and the force that is not commanded."""
-        process = np.abs(self.axis.B) * self.force_error + _PROCESS
-        return AxisBound(self.bound.position, self.bound.velocity, self.bound.force, process)
+        """The disturbance of an axis: the bound of the reference and the force that is not commanded.
+
+        While a plan is computed or waited for, the chaser holds the position where the plan starts. The force that is
+        not commanded moves it about that position, both when it is observed and when the approach starts.
+        """
+        process, none = np.abs(self.axis.B) * self.force_error + _PROCESS, np.zeros(1)
+        held = truth_tube(self.axis, lqr_gain(self.axis, self.limits.force), AxisBound(none, none, none, process))
+        start = 2.0 * np.array((held.position[-1], held.velocity[-1]))
+        return AxisBound(self.bound.position, self.bound.velocity, self.bound.force, process, start)
 
 
 def _design(request: DesignRequest, tube: Tube, force_reserve: FloatArray) -> TubeDesign:

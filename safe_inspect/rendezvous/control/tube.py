@@ -66,12 +66,14 @@ class AxisBound:
         velocity: Bound of its velocity error [m/s], shape (K,).
         force: Bound of the error of its feed-forward force [N], shape (K,).
         process: Change of position [m] and velocity [m/s] per step due to other causes, shape (2,).
+        start: Distance [m] and velocity [m/s] of the chaser from the start of the plan due to other causes, shape (2,).
     """
 
     position: FloatArray
     velocity: FloatArray
     force: FloatArray
     process: FloatArray
+    start: FloatArray = field(default_factory=lambda: np.zeros(2))
 
     def feedback(self, gain: FloatArray) -> FloatArray:
         """Return ``|K| b``, the largest feedback force that the reference's error causes [N], shape (K,).
@@ -111,7 +113,7 @@ def no_tube(steps: int, gain: FloatArray | None = None) -> Tube:
 
 
 def truth_tube(axis: Axis, gain: FloatArray, bound: AxisBound) -> Tube:
-    """Return the tube that follows from the bounds: Z_0 = +-b(t_0), Z_{k+1} = A_K Z_k + W_k.
+    """Return the tube that follows from the bounds: Z_0 = +-(b(t_0) + start), Z_{k+1} = A_K Z_k + W_k.
 
     After the last step, bounds and gain are constant, and the last width is the largest of all later ones.
 
@@ -125,7 +127,7 @@ def truth_tube(axis: Axis, gain: FloatArray, bound: AxisBound) -> Tube:
     closed_loop = axis.closed_loop(gains)
     pushed = axis.B * (bound.feedback(gains) + bound.force)[:, None]
     rate = -np.log(np.abs(np.linalg.eigvals(closed_loop[-1])).max())
-    first = np.array((bound.position[0], bound.velocity[0]))
+    first = np.array((bound.position[0], bound.velocity[0])) + bound.start
     process = np.asarray(bound.process, dtype=float)
     widths = _truth_widths(closed_loop, gains, first, pushed, process, int(np.ceil(_HOLD_CONSTANTS / rate)))
     clearance, speed, force = widths

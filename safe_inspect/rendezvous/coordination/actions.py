@@ -286,7 +286,8 @@ def make_tube(context: MissionContext) -> None:
         clearance=context.target.solid.distance(in_model) - context.limits.radius,
         axis=context.axis,
         limits=context.tracking_limits,
-        force_error=actuator.force_noise + abs(actuator.scale_error) * context.limits.force + tide,
+        # The noise acts along the axes of the body, which may have any attitude.
+        force_error=np.sqrt(3.0) * actuator.force_noise + abs(actuator.scale_error) * context.limits.force + tide,
         length=mission.length,
         gain=context.demands.gain,
     )
