@@ -199,8 +199,13 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
 def _motion_doubts(
     config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
 ) -> Iterator[Problem]:
-    """Yield a problem if the chaser starts too fast, or if the mating point is at all times too fast to follow."""
-    limits = config.chaser.limits
+    """Yield a problem for each value with which the chaser may not be able to do what a plan demands."""
+    limits, lag = config.chaser.limits, config.chaser.actuator.lag
+    if lag > 0.0:
+        message = f"the tube does not include that the actuators lag by {lag:g} s, so the chaser may leave it"
+        yield Problem(
+            message, "chaser.actuator.lag", hint=f"keep it far below the control step of {config.mission.step:g} s"
+        )
     fastest = max(map(abs, config.chaser.velocity))
     if fastest > limits.tracking_speed:
         message = (
