@@ -11,7 +11,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire, distinct
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -156,13 +156,13 @@ class _ModelFrontEndRun:
             return []
         cloud = cloud.thinned(_USED_POINTS)
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
+        was_ambiguous = len(self._hypotheses) > 1
         if self._hypotheses:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
             self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
             return []
-        was_ambiguous = len(self._hypotheses) > 1
         self._choose()
         best = self._hypotheses[0]
         edges = []
@@ -219,6 +219,12 @@ class _ModelFrontEndRun:
                 failed.append(hypothesis)
         self._fail(failed)
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
+        # Of hypotheses that have become the same pose, the views to come would never decide.
+        matched = [one.found for one in self._hypotheses if not one.failures]
+        apart = distinct(matched, len(matched))
+        self._hypotheses = [
+            one for one in self._hypotheses if one.failures or any(one.found is found for found in apart)
+        ]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from safe_inspect.geometry.pointing import point_camera
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.depth_camera import DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.experiment import load_rendezvous
-from safe_inspect.rendezvous.front_end.base import FrontEndContext, RelativeMotion
-from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.model_registration import _spread_rotations, acquire
+from safe_inspect.rendezvous.front_end import model
+from safe_inspect.rendezvous.front_end.base import FrontEndContext, Registration, RelativeMotion
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
 from safe_inspect.rendezvous.plugins import BoxTarget, ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.target.model import Target
@@ -131,6 +133,24 @@ def test_it_recovers_when_the_target_was_out_of_view(target: Target, streams: St
     last = edges[-1][-1]
     expected = truth[last.second] if last.first == MODEL else inverse(truth[last.first]) @ truth[last.second]
     assert _degrees(expected, last.pose) < 2.0
+
+
+def test_poses_that_become_the_same_are_followed_as_one(
+    target: Target, streams: Streams, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They fit every later frame equally well, so that no view would decide between them."""
+    truth = spin(2)
+
+    def found(registration: ModelRegistration, cloud: Cloud, **_: int) -> list[Registration]:
+        right = registration(cloud, truth[0])
+        return [right, replace(right, pose=perturbed(right.pose, np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])))]
+
+    monkeypatch.setattr(model, "acquire", found)
+    first, second = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
+    assert first == []
+    since, known = second
+    assert (since.first, since.second, known.first) == (0, 1, MODEL)
+    assert _degrees(truth[1], known.pose) < 1.0
 
 
 def test_all_poses_of_a_cube_are_followed_until_they_differ(streams: Streams) -> None:
