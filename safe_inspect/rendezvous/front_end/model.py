@@ -221,10 +221,8 @@ class _ModelFrontEndRun:
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
         # Of hypotheses that have become the same pose, the views to come would never decide.
         matched = [one.found for one in self._hypotheses if not one.failures]
-        apart = distinct(matched, len(matched))
-        self._hypotheses = [
-            one for one in self._hypotheses if one.failures or any(one.found is found for found in apart)
-        ]
+        apart = {id(found) for found in distinct(matched, len(matched))}
+        self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.
