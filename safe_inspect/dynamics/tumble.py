@@ -109,7 +109,7 @@ class _TumbleKind(NamedTuple):
     extent: FloatArray
 
 
-class Polhode(NamedTuple):
+class _Polhode(NamedTuple):
     """Constants of rows of bodies, shape (n,) each; c is the axis of cn, d that of dn."""
 
     steady: BoolArray
@@ -125,7 +125,7 @@ class Polhode(NamedTuple):
     nu: FloatArray
 
 
-def _polhode(inertia: FloatArray, angular_velocity: FloatArray) -> Polhode:
+def _polhode(inertia: FloatArray, angular_velocity: FloatArray) -> _Polhode:
     j1, j2, j3 = inertia.T
     w1, w2, w3 = angular_velocity.T
     momentum = np.sqrt((j1 * w1) ** 2 + (j2 * w2) ** 2 + (j3 * w3) ** 2)
@@ -150,7 +150,7 @@ def _polhode(inertia: FloatArray, angular_velocity: FloatArray) -> Polhode:
         nu = np.where(about3, j1 * a1, j3 * a3) ** 2 / beta
         coefficient = momentum * np.where(about3, -d1 / j1, d3 / j3) / (beta * rate)
     amplitudes = np.stack((a1, a2, a3), axis=1)
-    return Polhode(steady, about3, amplitudes, sign, rate, m1, phi0, momentum, cn_inertia, coefficient, nu)
+    return _Polhode(steady, about3, amplitudes, sign, rate, m1, phi0, momentum, cn_inertia, coefficient, nu)
 
 
 def _frames(inertia: FloatArray, angular_velocity: FloatArray, about3: BoolArray) -> FloatArray:
@@ -204,7 +204,7 @@ def tumble(
         w[steady] = angular_velocity[steady, None]
         q[steady] = multiply(orientation[steady, None], exp(angular_velocity[steady, None] * times[:, None]))
     if moving.any():
-        rows = Polhode._make(array[moving] for array in constants)
+        rows = _Polhode._make(array[moving] for array in constants)
         w[moving], phi, phi0 = _rates(rows, times)
         third = incomplete_third(rows.nu[:, None], np.concatenate((phi, phi0), axis=1), rows.m1[:, None])
         psi = (rows.momentum / rows.cn_inertia)[:, None] * times
@@ -217,7 +217,7 @@ def tumble(
     return continuous(q, orientation), w
 
 
-def _rates(rows: Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _rates(rows: _Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return angular velocities (n, k, 3), Jacobi's amplitudes (n, k), and the amplitudes at time zero (n, 1)."""
     m1, sign, about3 = rows.m1[:, None], rows.sign[:, None], rows.about3[:, None]
     phi0 = rows.phi0[:, None]

@@ -11,7 +11,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire, distinct
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire, distinct_poses
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -221,7 +221,7 @@ class _ModelFrontEndRun:
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
         # Of hypotheses that have become the same pose, the views to come would never decide.
         matched = [one.found for one in self._hypotheses if not one.failures]
-        apart = {id(found) for found in distinct(matched, len(matched))}
+        apart = {id(found) for found in distinct_poses(matched, len(matched))}
         self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:

@@ -178,15 +178,15 @@ def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600,
         found.append(registration(coarse, start, iterations=2, widening=2.5, coarse=True))
     found = sorted(found, key=by_score)[: rotations // 4]
     found = [registration(coarse, one.pose, iterations=4, widening=2.0, coarse=True) for one in found]
-    poses = [one.pose for one in distinct(sorted(found, key=by_score), max(_REFINED, kept + 3))]
+    poses = [one.pose for one in distinct_poses(sorted(found, key=by_score), max(_REFINED, kept + 3))]
     refined = [registration(cloud, one, iterations=25, widening=2.5) for one in poses]
     # A pose that looks like the true one most often differs by half a turn about one of the axes.
     turned = [pose(turn, np.zeros(3)) @ min(refined, key=by_score).pose for turn in HALF_TURNS[1:]]
     refined += [registration(cloud, one, iterations=25, widening=2.5) for one in turned]
-    return distinct(sorted(refined, key=by_score), kept)
+    return distinct_poses(sorted(refined, key=by_score), kept)
 
 
-def distinct(ordered: list[Registration], count: int) -> list[Registration]:
+def distinct_poses(ordered: list[Registration], count: int) -> list[Registration]:
     """Return at most `count` registrations, in order, whose attitudes differ from all earlier ones by 10 degrees."""
     kept: list[Registration] = []
     for one in ordered:
