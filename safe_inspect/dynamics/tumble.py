@@ -95,7 +95,7 @@ _STEADY = 1e-13  # |w x Jw| / (|w| L) below which the angular velocity is consta
 _LEAST_M1 = 1e-30  # on the separatrix itself the period is infinite; with this value it is long enough
 
 
-class _TumbleKind(NamedTuple):
+class TumbleKind(NamedTuple):
     """Kind of the tumbling motion of bodies.
 
     Attributes:
@@ -229,7 +229,7 @@ def _rates(rows: _Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, F
     return w, phi, phi0
 
 
-def classify(inertia: FloatArray, angular_velocity: FloatArray) -> _TumbleKind:
+def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
     """Return the axis about which bodies tumble, the period, and the amplitude of the motion.
 
     Args:
@@ -243,7 +243,7 @@ def classify(inertia: FloatArray, angular_velocity: FloatArray) -> _TumbleKind:
         along = np.where(rows.about3, a3, a1)
         across = np.where(rows.about3, a1, a3)
         extent = np.maximum(np.arctan2(across, along), np.arctan2(a2, along * np.sqrt(rows.m1)))
-    return _TumbleKind(
+    return TumbleKind(
         np.where(rows.steady, 0, np.where(rows.about3, 3, 1)).astype(np.int64),
         np.where(rows.steady, np.inf, period),
         np.where(rows.steady, 0.0, extent),

@@ -53,15 +53,15 @@ class FreeRotation(BaseModel):
             raise ValueError(f"the smallest `rate` {self.rate[0]:g} is above the largest {self.rate[1]:g}; swap them")
         return self
 
-    def steps(self, step_size: float) -> _FreeSteps:
+    def steps(self, step_size: float) -> FreeSteps:
         """Return the constants of the integration of a step [s]."""
         # The angular velocity grows at most by the ratio of the moments, since energy and momentum are constant.
         fastest = self.rate[1] * max(self.inertia) / min(self.inertia)
         substeps = max(math.ceil(step_size * fastest / _LARGEST_TURN), 1)
-        return _FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
+        return FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
 
 
-class _FreeSteps(NamedTuple):
+class FreeSteps(NamedTuple):
     """Constants: moments of inertia, range of rates [rad/s], integration step [s] and the number of these in a step."""
 
     inertia: tuple[float, float, float]
@@ -71,7 +71,7 @@ class _FreeSteps(NamedTuple):
 
 
 @njit
-def _draw_rotations(key: AnyArray, steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def _draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Write the first attitudes to inertial axes, shape (N, 4), and angular velocities in body axes, shape (N, 3).
 
     Source: Shoemake, "Uniform random rotations", Graphics Gems III, 1992, for the attitudes.
@@ -88,7 +88,7 @@ def _draw_rotations(key: AnyArray, steps: _FreeSteps, inertial: FloatArray, spin
 
 
 @njit
-def rotate_bodies(steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def rotate_bodies(steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Advance attitudes, shape (N, 4), and angular velocities, shape (N, 3), by a step."""
     for n in range(inertial.shape[0]):
         rotate_freely(steps.inertia, inertial[n], spin[n], steps.step, steps.substeps)
