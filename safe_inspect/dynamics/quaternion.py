@@ -7,16 +7,26 @@ the opposite convention of the product).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import product, rotated
 from safe_inspect.types import FloatArray
 
 #: The row's arithmetic in Python, which also accepts whole arrays as components.
 _product: Any = product.__wrapped__  # type: ignore[attr-defined]
 _rotated: Any = rotated.__wrapped__  # type: ignore[attr-defined]
+
+
+def _joined(*components: FloatArray) -> FloatArray:
+    """Return components of one shape along a new last axis; several times faster than `numpy.stack` for a few rows."""
+    out = np.empty((*np.shape(components[0]), len(components)))
+    for index, component in enumerate(components):
+        out[..., index] = component
+    return out
 
 
 def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
@@ -27,7 +37,7 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
         q: Quaternions, shape (..., 4).
     """
     first, second = ((a[..., 0], a[..., 1], a[..., 2], a[..., 3]) for a in (p, q))
-    return np.stack(_product(first, second), axis=-1)
+    return _joined(*_product(first, second))
 
 
 def conjugate(q: FloatArray) -> FloatArray:
@@ -66,16 +76,30 @@ def from_matrix(matrix: FloatArray) -> FloatArray:
     Args:
         matrix: Rotation matrices, shape (..., 3, 3).
     """
-    a, b, c = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
-    multiples = np.empty((*a.shape, 4, 4))  # row i is 4 q_i q
-    for i, square in enumerate((1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c)):
-        multiples[..., i, i] = square
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        multiples[..., i, j] = multiples[..., j, i] = matrix[..., j, i] + matrix[..., i, j]
-    for k, i, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        multiples[..., k, 3] = multiples[..., 3, k] = matrix[..., j, i] - matrix[..., i, j]
-    longest = np.diagonal(multiples, axis1=-2, axis2=-1).argmax(axis=-1)
-    return normalise(np.take_along_axis(multiples, longest[..., None, None], axis=-2)[..., 0, :])
+    found = np.empty((*matrix.shape[:-2], 4))
+    _from_matrices(np.ascontiguousarray(matrix, dtype=np.float64).reshape(-1, 3, 3), found.reshape(-1, 4))
+    return found
+
+
+@njit(error_model="numpy")
+def _from_matrices(matrices: FloatArray, out: FloatArray) -> None:
+    for n in range(len(matrices)):
+        m, q = matrices[n], out[n]
+        a, b, c = m[0, 0], m[1, 1], m[2, 2]
+        squares = 1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c, 1.0 + a + b + c  # 4 q_i q_i
+        i = 0
+        for other in range(1, 4):
+            i = other if squares[other] > squares[i] else i
+        q[i] = squares[i]
+        for k in range(3):
+            j, last = (k + 1) % 3, (k + 2) % 3
+            if i == k:
+                q[j], q[last], q[3] = m[k, j] + m[j, k], m[k, last] + m[last, k], m[last, j] - m[j, last]
+            elif i == 3:
+                q[k] = m[last, j] - m[j, last]
+        norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        for k in range(4):
+            q[k] /= norm
 
 
 def exp(rotation: FloatArray) -> FloatArray:
@@ -89,7 +113,7 @@ def exp(rotation: FloatArray) -> FloatArray:
     x, y, z = rotation[..., 0], rotation[..., 1], rotation[..., 2]
     half = 0.5 * np.sqrt(x * x + y * y + z * z)
     scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / (2 half)
-    return np.stack((scale * x, scale * y, scale * z, np.cos(half)), axis=-1)
+    return _joined(scale * x, scale * y, scale * z, np.cos(half))
 
 
 def log(q: FloatArray) -> FloatArray:
@@ -103,7 +127,7 @@ def log(q: FloatArray) -> FloatArray:
     positive = np.where(w < 0.0, -1.0, 1.0)
     half = np.arctan2(sine, positive * w)
     scale = positive * np.where(sine > 0.0, 2.0 * half / np.where(sine > 0.0, sine, 1.0), 2.0)
-    return np.stack((scale * x, scale * y, scale * z), axis=-1)
+    return _joined(scale * x, scale * y, scale * z)
 
 
 def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
@@ -114,7 +138,7 @@ def rotate(q: FloatArray, v: FloatArray) -> FloatArray:
         v: Vectors, shape (..., 3).
     """
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return np.stack(_rotated((x, y, z, w), v[..., 0], v[..., 1], v[..., 2]), axis=-1)
+    return _joined(*_rotated((x, y, z, w), v[..., 0], v[..., 1], v[..., 2]))
 
 
 def rotate_back(q: FloatArray, v: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ angular velocity, and with b1 along e_c x h, h = Jw / L, and F = [b1, h x b1, h]
     R_WT(t) = R_WT(0) F(0) Rz(psi) F(t)^T,      psi' = L (2T - J_c w_c^2) / (L^2 - J_c^2 w_c^2)
 
 where c is the axis whose rate is proportional to cn: it is never parallel to the angular momentum, so psi has no pole.
-Sources: Landau and Lifshitz, "Mechanics", section 37; Carlson, "Computing elliptic integrals by duplication", Numer.
-Math. 33, 1979.
+Sources: Landau and Lifshitz, "Mechanics", section 37; Carlson, "Numerical computation of real or complex elliptic
+integrals", Numerical Algorithms 10, 1995.
 
 The attitude is accurate to about 1e-15 L / (J p) rad: the accuracy is lower for a body whose angular velocity hardly
 moves in T within an hour (1e-8 rad), and for one that spins about axis 2 to within 1e-11 of its rate (5e-6 rad).
@@ -19,76 +19,115 @@ parameter m1 = 1 - m, which near m = 1 retains the digits that m loses.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import continuous, exp, from_matrix, multiply
-from safe_inspect.types import BoolArray, FloatArray, IntArray
+from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import product
+from safe_inspect.types import FloatArray, IntArray
 
 _LEVELS = 10  # of the arithmetic-geometric mean, at most; each doubles the correct digits: enough for m1 = 1e-30
 
 
-def complete_first(m1: FloatArray) -> FloatArray:
+@njit(error_model="numpy")
+def complete_first(m1: float) -> float:
     """Return the complete integral of the first kind, ``K = pi / (2 AGM(1, sqrt(m1)))``."""
-    a, b = np.ones_like(m1), np.sqrt(m1)
+    a, b = 1.0, math.sqrt(m1)
     for _ in range(_LEVELS):
-        a, b = 0.5 * (a + b), np.sqrt(a * b)
-    return np.asarray(0.5 * np.pi / a)
+        a, b = 0.5 * (a + b), math.sqrt(a * b)
+    return 0.5 * math.pi / a
 
 
-def amplitude(u: FloatArray, m1: FloatArray) -> FloatArray:
+@njit(error_model="numpy")
+def amplitude(u: float, m1: float) -> float:
     """Return Jacobi's amplitude am(u | 1 - m1) by the descending Landen transformation.
 
     The arcsine of the textbook recursion is replaced by an arctangent, which is accurate at the turning points.
 
     Args:
-        u: Arguments, any size.
-        m1: Complementary parameters in (0, 1], broadcast with u.
+        u: The argument.
+        m1: Complementary parameter in (0, 1].
     """
-    a, b = np.ones_like(m1), np.sqrt(m1)
-    levels = []
-    for _ in range(_LEVELS):
+    levels, count = np.empty((_LEVELS, 3)), 0
+    a, b = 1.0, math.sqrt(m1)
+    while count < _LEVELS and (a != b or count == 0):  # further levels change nothing
         c = 0.5 * (a - b)
-        a, b = 0.5 * (a + b), np.sqrt(a * b)
-        levels.append((a, b, c))
-        if (a == b).all():  # further levels change nothing
-            break
-    phi: FloatArray = 2.0 ** len(levels) * a * u
-    for a, b, c in reversed(levels):
-        sine, cosine = np.sin(phi), np.cos(phi)
-        phi = 0.5 * (phi + np.arctan2(c * sine, np.sqrt((a * cosine) ** 2 + (b * sine) ** 2)))
+        a, b = 0.5 * (a + b), math.sqrt(a * b)
+        levels[count, 0], levels[count, 1], levels[count, 2] = a, b, c
+        count += 1
+    phi = 2.0**count * a * u
+    for level in range(count - 1, -1, -1):
+        sine, cosine = math.sin(phi), math.cos(phi)
+        across = math.hypot(levels[level, 0] * cosine, levels[level, 1] * sine)
+        phi = 0.5 * (phi + math.atan2(levels[level, 2] * sine, across))
     return phi
 
 
-def incomplete_first(phi: FloatArray, m1: FloatArray) -> FloatArray:
-    """Return F(phi | 1 - m1) for any phi, by Carlson's R_F."""
-    from scipy.special import elliprf  # slow to import
+@njit(error_model="numpy")
+def _carlson_first(x: float, y: float, z: float) -> float:
+    """Return Carlson's symmetric integral R_F of numbers of which at most one is 0, by duplication."""
+    mean, scale = (x + y + z) / 3.0, 1.0
+    dx, dy = mean - x, mean - y
+    largest = 400.0 * max(abs(dx), abs(dy), abs(mean - z))  # (3 * 2e-16) ** (-1 / 6), rounded up
+    while scale * largest >= mean:
+        shift = math.sqrt(x * y) + math.sqrt(y * z) + math.sqrt(z * x)
+        x, y, z, mean, scale = (
+            0.25 * (x + shift),
+            0.25 * (y + shift),
+            0.25 * (z + shift),
+            0.25 * (mean + shift),
+            0.25 * scale,
+        )
+    dx, dy = scale * dx / mean, scale * dy / mean
+    dz = -(dx + dy)
+    e2, e3 = dx * dy - dz * dz, dx * dy * dz
+    return (1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0) / math.sqrt(mean)
 
-    turns = np.round(phi / np.pi)
-    sine, cosine = np.sin(phi - turns * np.pi), np.cos(phi - turns * np.pi)
-    return np.asarray(sine * elliprf(cosine**2, cosine**2 + m1 * sine**2, 1.0) + 2.0 * turns * complete_first(m1))
+
+@njit(error_model="numpy")
+def _carlson_third(x: float, y: float, z: float, p: float) -> float:
+    """Return Carlson's symmetric integral R_J, for p not less than the others, of which at most one is 0."""
+    mean, scale, total = (x + y + z + 2.0 * p) / 5.0, 1.0, 0.0
+    dx, dy, dz, delta = mean - x, mean - y, mean - z, (p - x) * (p - y) * (p - z)
+    largest = 600.0 * max(abs(dx), abs(dy), abs(dz), abs(mean - p))  # (2e-16 / 4) ** (-1 / 6), rounded up
+    while scale * largest >= mean:
+        a, b, c, d = math.sqrt(x), math.sqrt(y), math.sqrt(z), math.sqrt(p)
+        shift, part = a * b + b * c + c * a, (d + a) * (d + b) * (d + c)
+        e = scale**3 * delta / (part * part)
+        total += scale / part * (math.atan(math.sqrt(e)) / math.sqrt(e) if e > 0.0 else 1.0)
+        x, y, z, p = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift), 0.25 * (p + shift)
+        mean, scale = 0.25 * (mean + shift), 0.25 * scale
+    dx, dy, dz = scale * dx / mean, scale * dy / mean, scale * dz / mean
+    dp = -0.5 * (dx + dy + dz)
+    e2, xyz = dx * dy + dx * dz + dy * dz - 3.0 * dp * dp, dx * dy * dz
+    e3, e4, e5 = xyz + 2.0 * e2 * dp + 4.0 * dp**3, (2.0 * xyz + e2 * dp + 3.0 * dp**3) * dp, xyz * dp * dp
+    series = 1.0 - 3.0 * e2 / 14.0 + e3 / 6.0 + 9.0 * e2 * e2 / 88.0 - 3.0 * e4 / 22.0 - 9.0 * e2 * e3 / 52.0
+    return scale * (series + 3.0 * e5 / 26.0) / (mean * math.sqrt(mean)) + 6.0 * total
 
 
-def incomplete_third(nu: FloatArray, phi: FloatArray, m1: FloatArray) -> FloatArray:
+@njit(error_model="numpy")
+def incomplete_third(nu: float, phi: float, m1: float) -> float:
     """Return the integral of 1 / ((1 + nu sin^2) sqrt(1 - m sin^2)) from 0 to phi, for any phi and nu >= 0.
 
-    ``s R_F(c^2, d^2, 1) - nu / 3 s^3 R_J(c^2, d^2, 1, 1 + nu s^2)``, d^2 = c^2 + m1 s^2. Source: Carlson, "Computing
-    elliptic integrals by duplication", Numerische Mathematik 33, 1979.
+    With nu = 0 it is the incomplete integral of the first kind, F(phi | 1 - m1).
+    ``s R_F(c^2, d^2, 1) - nu / 3 s^3 R_J(c^2, d^2, 1, 1 + nu s^2)``, d^2 = c^2 + m1 s^2.
 
     Args:
         nu: The characteristic with the opposite sign.
-        phi: Amplitudes [rad].
-        m1: Complementary parameters in (0, 1].
+        phi: Amplitude [rad].
+        m1: Complementary parameter in (0, 1].
     """
-    from scipy.special import elliprf, elliprj  # slow to import
-
-    turns = np.round(phi / np.pi)
-    rest = phi - turns * np.pi
-    sine, cosine2, delta2 = np.sin(rest), np.cos(rest) ** 2, np.cos(rest) ** 2 + m1 * np.sin(rest) ** 2
-    part = sine * elliprf(cosine2, delta2, 1.0) - nu / 3.0 * sine**3 * elliprj(cosine2, delta2, 1.0, 1.0 + nu * sine**2)
-    complete = elliprf(0.0, m1, 1.0) - nu / 3.0 * elliprj(0.0, m1, 1.0, 1.0 + nu)
-    return np.asarray(part + 2.0 * turns * complete)
+    turns = round(phi / math.pi)
+    sine, cosine = math.sin(phi - turns * math.pi), math.cos(phi - turns * math.pi)
+    sine2, cosine2 = sine * sine, cosine * cosine
+    delta2 = cosine2 + m1 * sine2
+    third = _carlson_third(cosine2, delta2, 1.0, 1.0 + nu * sine2)
+    part = sine * (_carlson_first(cosine2, delta2, 1.0) - nu / 3.0 * sine2 * third)
+    if turns:
+        part += 2.0 * turns * (complete_first(m1) - nu / 3.0 * _carlson_third(0.0, m1, 1.0, 1.0 + nu))
+    return part
 
 
 _STEADY = 1e-13  # |w x Jw| / (|w| L) below which the angular velocity is constant
@@ -110,65 +149,68 @@ class TumbleKind(NamedTuple):
 
 
 class _Polhode(NamedTuple):
-    """Constants of rows of bodies, shape (n,) each; c is the axis of cn, d that of dn."""
+    """Constants of a body's motion; c is the axis of cn, d that of dn."""
 
-    steady: BoolArray
-    about3: BoolArray
-    amplitudes: FloatArray  # (n, 3), amplitudes of cn, sn and dn along the axes 1 to 3
-    sign: FloatArray
-    rate: FloatArray  # p [1/s]
-    m1: FloatArray  # 1 - m
-    phi0: FloatArray
-    momentum: FloatArray  # L
-    cn_inertia: FloatArray  # J_c
-    coefficient: FloatArray  # L (2T - L^2 / J_c) / (beta p)
-    nu: FloatArray
+    steady: bool
+    about3: bool
+    a1: float  # amplitudes of cn, sn and dn along the axes 1 to 3
+    a2: float
+    a3: float
+    sign: float
+    rate: float  # p [1/s]
+    m1: float  # 1 - m
+    phi0: float
+    turning: float  # L / J_c
+    coefficient: float  # L (2T - L^2 / J_c) / (beta p)
+    nu: float
 
 
+@njit(error_model="numpy")  # a steady motion divides by zero; what follows from it is not used
 def _polhode(inertia: FloatArray, angular_velocity: FloatArray) -> _Polhode:
-    j1, j2, j3 = inertia.T
-    w1, w2, w3 = angular_velocity.T
-    momentum = np.sqrt((j1 * w1) ** 2 + (j2 * w2) ** 2 + (j3 * w3) ** 2)
+    j1, j2, j3 = inertia[0], inertia[1], inertia[2]
+    w1, w2, w3 = angular_velocity[0], angular_velocity[1], angular_velocity[2]
+    momentum = math.sqrt((j1 * w1) ** 2 + (j2 * w2) ** 2 + (j3 * w3) ** 2)
     c1, c2, c3 = (j3 - j2) * w2 * w3, (j1 - j3) * w3 * w1, (j2 - j1) * w1 * w2
-    speed = np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
-    steady = np.sqrt(c1 * c1 + c2 * c2 + c3 * c3) <= _STEADY * speed * momentum
-    with np.errstate(divide="ignore", invalid="ignore"):  # steady rows divide by zero; their values are not used
-        d1 = j2 * (j2 - j1) * w2**2 + j3 * (j3 - j1) * w3**2
-        d2 = j1 * (j1 - j2) * w1**2 + j3 * (j3 - j2) * w3**2
-        d3 = j1 * (j3 - j1) * w1**2 + j2 * (j3 - j2) * w2**2
-        about3 = d2 >= 0.0
-        a1, a3 = np.sqrt(d3 / (j1 * (j3 - j1))), np.sqrt(d1 / (j3 * (j3 - j1)))
-        a2 = np.sqrt(np.where(about3, d3 / (j2 * (j3 - j2)), d1 / (j2 * (j2 - j1))))
-        large = np.where(about3, (j3 - j2) * d1, (j2 - j1) * d3)
-        rate = np.sqrt(large / (j1 * j2 * j3))
-        m1 = np.clip((j3 - j1) * np.abs(d2) / large, _LEAST_M1, 1.0)
-        sign = np.where(np.where(about3, w3, w1) < 0.0, -1.0, 1.0)
-        over2, over_c = sign * w2 / a2, np.where(about3, w1 / a1, w3 / a3)
-        phi0 = np.arctan2(np.nan_to_num(over2), np.where(np.isfinite(over_c), over_c, 1.0))
-        beta = np.where(about3, (j3 * a3) ** 2, (j1 * a1) ** 2)
-        cn_inertia = np.where(about3, j1, j3)
-        nu = np.where(about3, j1 * a1, j3 * a3) ** 2 / beta
-        coefficient = momentum * np.where(about3, -d1 / j1, d3 / j3) / (beta * rate)
-    amplitudes = np.stack((a1, a2, a3), axis=1)
-    return _Polhode(steady, about3, amplitudes, sign, rate, m1, phi0, momentum, cn_inertia, coefficient, nu)
+    speed = math.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+    steady = math.sqrt(c1 * c1 + c2 * c2 + c3 * c3) <= _STEADY * speed * momentum
+    d1 = j2 * (j2 - j1) * w2**2 + j3 * (j3 - j1) * w3**2
+    d2 = j1 * (j1 - j2) * w1**2 + j3 * (j3 - j2) * w3**2
+    d3 = j1 * (j3 - j1) * w1**2 + j2 * (j3 - j2) * w2**2
+    about3 = d2 >= 0.0
+    a1, a3 = math.sqrt(d3 / (j1 * (j3 - j1))), math.sqrt(d1 / (j3 * (j3 - j1)))
+    if about3:
+        a2, large, sign = math.sqrt(d3 / (j2 * (j3 - j2))), (j3 - j2) * d1, math.copysign(1.0, w3)
+        cosine, beta, cn_inertia, nu, over = w1 / a1, (j3 * a3) ** 2, j1, (j1 * a1) ** 2, -d1 / j1
+    else:
+        a2, large, sign = math.sqrt(d1 / (j2 * (j2 - j1))), (j2 - j1) * d3, math.copysign(1.0, w1)
+        cosine, beta, cn_inertia, nu, over = w3 / a3, (j1 * a1) ** 2, j3, (j3 * a3) ** 2, d3 / j3
+    rate = math.sqrt(large / (j1 * j2 * j3))
+    m1 = min(max((j3 - j1) * abs(d2) / large, _LEAST_M1), 1.0)
+    sine = sign * w2 / a2
+    phi0 = math.atan2(sine if math.isfinite(sine) else 0.0, cosine if math.isfinite(cosine) else 1.0)
+    coefficient = momentum * over / (beta * rate)
+    return _Polhode(steady, about3, a1, a2, a3, sign, rate, m1, phi0, momentum / cn_inertia, coefficient, nu / beta)
 
 
-def _frames(inertia: FloatArray, angular_velocity: FloatArray, about3: BoolArray) -> FloatArray:
-    """Return the frames F = [b1, h x b1, h] in T, shape (n, k, 3, 3)."""
-    h = inertia[:, None] * angular_velocity
-    h /= np.sqrt(h[..., 0] ** 2 + h[..., 1] ** 2 + h[..., 2] ** 2)[..., None]
-    x, y, z = h[..., 0], h[..., 1], h[..., 2]
-    zero = np.zeros_like(x)
-    first = np.where(about3[:, None, None], np.stack((zero, -z, y), axis=-1), np.stack((-y, x, zero), axis=-1))
-    first /= np.sqrt(first[..., 0] ** 2 + first[..., 1] ** 2 + first[..., 2] ** 2)[..., None]
-    a, b, c = first[..., 0], first[..., 1], first[..., 2]
-    second = np.stack((y * c - z * b, z * a - x * c, x * b - y * a), axis=-1)
-    return np.stack((first, second, h), axis=-1)
+@njit(error_model="numpy")
+def _frame(inertia: FloatArray, w: FloatArray, about3: bool) -> tuple[float, float, float, float]:
+    """Return the attitude of the frame F = [b1, h x b1, h] in T.
+
+    With b1 = R_c(a) e_2, it is the product of R_c(a), a rotation about axis 2, and one that permutes the axes.
+    """
+    h1, h2, h3 = inertia[0] * w[0], inertia[1] * w[1], inertia[2] * w[2]
+    if about3:
+        half, tilt = 0.5 * math.atan2(h2, -h3), 0.5 * math.atan2(-h1, math.hypot(h2, h3))
+        turned = product((math.sin(half), 0.0, 0.0, math.cos(half)), (0.0, math.sin(tilt), 0.0, math.cos(tilt)))
+        return product(turned, (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
+    half, tilt = 0.5 * math.atan2(h2, h1), 0.5 * math.atan2(-h3, math.hypot(h1, h2))
+    turned = product((0.0, 0.0, math.sin(half), math.cos(half)), (0.0, math.sin(tilt), 0.0, math.cos(tilt)))
+    return product(turned, (0.5, 0.5, 0.5, 0.5))
 
 
 def _checked(inertia: FloatArray, angular_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    angular_velocity = np.asarray(angular_velocity, dtype=np.float64)
-    inertia = np.broadcast_to(np.asarray(inertia, dtype=np.float64), (len(angular_velocity), 3))
+    angular_velocity = np.ascontiguousarray(angular_velocity, dtype=np.float64)
+    inertia = np.ascontiguousarray(np.broadcast_to(inertia, (len(angular_velocity), 3)), dtype=np.float64)
     j1, j2, j3 = inertia.T
     if not (np.isfinite(inertia).all() and (j1 > 0.0).all() and (j1 <= j2).all() and (j2 <= j3).all()):
         raise ValueError("tumble: the inertia must be positive and ordered, J1 <= J2 <= J3")
@@ -195,38 +237,70 @@ def tumble(
         ValueError: The moments are not those of a rigid body, or are not in this order.
     """
     inertia, angular_velocity = _checked(inertia, angular_velocity)
-    orientation, times = np.asarray(orientation, dtype=np.float64), np.asarray(times, dtype=np.float64)
+    orientation, times = (np.ascontiguousarray(value, dtype=np.float64) for value in (orientation, times))
     q = np.empty((len(angular_velocity), len(times), 4))
     w = np.empty((len(angular_velocity), len(times), 3))
-    constants = _polhode(inertia, angular_velocity)
-    steady, moving = constants.steady, ~constants.steady
-    if steady.any():
-        w[steady] = angular_velocity[steady, None]
-        q[steady] = multiply(orientation[steady, None], exp(angular_velocity[steady, None] * times[:, None]))
-    if moving.any():
-        rows = _Polhode._make(array[moving] for array in constants)
-        w[moving], phi, phi0 = _rates(rows, times)
-        third = incomplete_third(rows.nu[:, None], np.concatenate((phi, phi0), axis=1), rows.m1[:, None])
-        psi = (rows.momentum / rows.cn_inertia)[:, None] * times
-        psi += rows.coefficient[:, None] * (third[:, :-1] - third[:, -1:])
-        turn = np.stack((np.zeros_like(psi), np.zeros_like(psi), np.sin(0.5 * psi), np.cos(0.5 * psi)), axis=-1)
-        first = _frames(inertia[moving], angular_velocity[moving, None], rows.about3)
-        at_start = multiply(orientation[moving, None], from_matrix(first))
-        last = from_matrix(np.swapaxes(_frames(inertia[moving], w[moving], rows.about3), -1, -2))
-        q[moving] = multiply(multiply(at_start, turn), last)
-    return continuous(q, orientation), w
+    _tumble(inertia, orientation, angular_velocity, times, q, w)
+    return q, w
 
 
-def _rates(rows: _Polhode, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return angular velocities (n, k, 3), Jacobi's amplitudes (n, k), and the amplitudes at time zero (n, 1)."""
-    m1, sign, about3 = rows.m1[:, None], rows.sign[:, None], rows.about3[:, None]
-    phi0 = rows.phi0[:, None]
-    phi = amplitude(rows.rate[:, None] * times + incomplete_first(phi0, m1), m1)
-    sn, cn = np.sin(phi), np.cos(phi)
-    dn = sign * np.sqrt(cn * cn + m1 * sn * sn)
-    a1, a2, a3 = rows.amplitudes[:, 0, None], rows.amplitudes[:, 1, None], rows.amplitudes[:, 2, None]
-    w = np.stack((a1 * np.where(about3, cn, dn), sign * a2 * sn, a3 * np.where(about3, dn, cn)), axis=-1)
-    return w, phi, phi0
+@njit(error_model="numpy")
+def _tumble(
+    inertia: FloatArray, orientation: FloatArray, start: FloatArray, times: FloatArray, q: FloatArray, w: FloatArray
+) -> None:
+    for n in range(len(start)):
+        body, before = _polhode(inertia[n], start[n]), orientation[n]
+        x, y, z = start[n, 0], start[n, 1], start[n, 2]
+        first, speed = (0.0, 0.0, 0.0, 1.0), math.sqrt(x * x + y * y + z * z)
+        begun, begun_third = 0.0, 0.0
+        if not body.steady:
+            first = _frame(inertia[n], start[n], body.about3)
+            begun = incomplete_third(0.0, body.phi0, body.m1)
+            begun_third = incomplete_third(body.nu, body.phi0, body.m1)
+        first = product(orientation[n], first)
+        for k in range(len(times)):
+            if body.steady:
+                w[n, k] = start[n]
+                half = 0.5 * speed * times[k]
+                scale = math.sin(half) / speed if speed > 0.0 else 0.0
+                found = product(first, (scale * x, scale * y, scale * z, math.cos(half)))
+            else:
+                phi = amplitude(body.rate * times[k] + begun, body.m1)
+                w[n, k, 0], w[n, k, 1], w[n, k, 2] = _rates(body, phi)
+                third = incomplete_third(body.nu, phi, body.m1) - begun_third
+                half = 0.5 * (body.turning * times[k] + body.coefficient * third)
+                last = _frame(inertia[n], w[n, k], body.about3)
+                turned = product(first, (0.0, 0.0, math.sin(half), math.cos(half)))
+                found = product(turned, (-last[0], -last[1], -last[2], last[3]))
+            same = found[0] * before[0] + found[1] * before[1] + found[2] * before[2] + found[3] * before[3]
+            for i in range(4):
+                q[n, k, i] = -found[i] if same < 0.0 else found[i]
+            before = q[n, k]
+
+
+@njit(error_model="numpy")
+def _rates(body: _Polhode, phi: float) -> tuple[float, float, float]:
+    """Return the angular velocity at an amplitude."""
+    sn, cn = math.sin(phi), math.cos(phi)
+    dn = body.sign * math.sqrt(cn * cn + body.m1 * sn * sn)
+    of1, of3 = (cn, dn) if body.about3 else (dn, cn)
+    return body.a1 * of1, body.sign * body.a2 * sn, body.a3 * of3
+
+
+@njit(error_model="numpy")
+def _classify(inertia: FloatArray, angular_velocity: FloatArray, out: FloatArray) -> None:
+    """Write axis, period, extent and largest rate."""
+    for n in range(len(angular_velocity)):
+        w, body = angular_velocity[n], _polhode(inertia[n], angular_velocity[n])
+        if body.steady:
+            out[n, 0], out[n, 1], out[n, 2] = 0.0, np.inf, 0.0
+            out[n, 3] = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+            continue
+        along, across = (body.a3, body.a1) if body.about3 else (body.a1, body.a3)
+        out[n, 0], out[n, 1] = 3.0 if body.about3 else 1.0, 4.0 * complete_first(body.m1) / body.rate
+        out[n, 2] = max(math.atan2(across, along), math.atan2(body.a2, along * math.sqrt(body.m1)))
+        # Along a polhode |w|^2 is linear in sn^2, so it is largest where sn is 0 or 1.
+        out[n, 3] = math.sqrt(max(along**2 + across**2, body.a2**2 + body.m1 * along**2))
 
 
 def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
@@ -236,35 +310,23 @@ def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
-    rows = _polhode(*_checked(inertia, angular_velocity))
-    a1, a2, a3 = rows.amplitudes.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        period = 4.0 * complete_first(np.where(rows.steady, 1.0, rows.m1)) / rows.rate
-        along = np.where(rows.about3, a3, a1)
-        across = np.where(rows.about3, a1, a3)
-        extent = np.maximum(np.arctan2(across, along), np.arctan2(a2, along * np.sqrt(rows.m1)))
-    return TumbleKind(
-        np.where(rows.steady, 0, np.where(rows.about3, 3, 1)).astype(np.int64),
-        np.where(rows.steady, np.inf, period),
-        np.where(rows.steady, 0.0, extent),
-    )
+    inertia, angular_velocity = _checked(inertia, angular_velocity)
+    out = np.empty((len(angular_velocity), 4))
+    _classify(inertia, angular_velocity, out)
+    return TumbleKind(out[:, 0].astype(np.int64), out[:, 1], out[:, 2])
 
 
 def largest_rate(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArray:
     """Return the largest magnitude that the angular velocities reach [rad/s], shape (n,).
-
-    Along a polhode ``|w|^2`` is linear in sn^2, so it is largest where sn is 0 or 1.
 
     Args:
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
     inertia, angular_velocity = _checked(inertia, angular_velocity)
-    rows = _polhode(inertia, angular_velocity)
-    a1, a2, a3 = (rows.amplitudes**2).T
-    moving = np.sqrt(np.maximum(a1 + a3, a2 + rows.m1 * np.where(rows.about3, a3, a1)))
-    bound: FloatArray = np.where(rows.steady, np.sqrt((angular_velocity**2).sum(axis=1)), moving)
-    return bound
+    out = np.empty((len(angular_velocity), 4))
+    _classify(inertia, angular_velocity, out)
+    return out[:, 3]
 
 
 def angular_acceleration(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArray:

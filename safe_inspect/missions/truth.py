@@ -354,16 +354,17 @@ class SensorSuite:
 
     def _samples(self, trace: ChaserTrace) -> tuple[InertialSample, ...]:
         """Return the samples of the inertial unit over a control step; none if it was silent."""
-        bias = np.repeat(_BIAS_STEP if self._biases else (0.0, 0.0), 3)
-        measured = []
-        for tick, (wrench, rate) in enumerate(zip(trace.wrench, trace.angular_velocity, strict=True)):
-            self._ticks += 1
-            if self._ticks % self._config.imu_ticks:
-                continue
-            acceleration, turning = self._imu.sample(wrench[:3] / self._chaser.mass, rate)
-            time = (tick + 1) * self._mission.tick
-            measured.append(InertialSample(time, acceleration + bias[:3], turning + bias[3:]))
-        return () if self._is_imu_silent else tuple(measured)
+        ticks = np.arange(len(trace.wrench))
+        sampled = ticks[(self._ticks + ticks + 1) % self._config.imu_ticks == 0]
+        self._ticks += len(ticks)
+        forces, rates = self._imu.measure(
+            trace.wrench[sampled, :3] / self._chaser.mass, trace.angular_velocity[sampled]
+        )
+        if self._is_imu_silent:
+            return ()
+        jumps = _BIAS_STEP if self._biases else (0.0, 0.0)
+        times = (sampled + 1) * self._mission.tick
+        return tuple(map(InertialSample, times.tolist(), forces + jumps[0], rates + jumps[1]))
 
     def _frame(self, time: float, chaser: BodyState, target: BodyState, number: int) -> DepthFrame | None:
         """Return the frame with a number; None if no frames are read."""

@@ -75,17 +75,17 @@ class Imu:
         self._bias = streams.normal("imu.bias", 6)[0] * np.repeat([noise.acceleration_bias, noise.rate_bias], 3)
         self._count = 0
 
-    def sample(self, acceleration: FloatArray, angular_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return specific force [m/s^2] and angular velocity [rad/s] of the next sample in B, shape (3,) each.
+    def measure(self, accelerations: FloatArray, angular_velocities: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return specific forces [m/s^2] and angular velocities [rad/s] of the next samples in B, shape (n, 3) each.
 
         Args:
-            acceleration: Acceleration of the centre of mass in B, without gravity [m/s^2], shape (3,).
-            angular_velocity: Angular velocity in B [rad/s], shape (3,).
+            accelerations: Accelerations of the centre of mass in B, without gravity [m/s^2], shape (n, 3).
+            angular_velocities: Angular velocities in B [rad/s], shape (n, 3).
         """
-        noise = self._noise
-        drawn = self._streams.normal("imu.sample", 12, self._count)[0]
-        error = drawn[:6] * np.repeat([noise.acceleration, noise.rate], 3)
-        bias, walk = self._bias, np.repeat([noise.acceleration_walk, noise.rate_walk], 3) * np.sqrt(self._period)
-        self._bias = bias + walk * drawn[6:]
-        self._count += 1
-        return acceleration + bias[:3] + error[:3], angular_velocity + bias[3:] + error[3:]
+        noise, number = self._noise, len(accelerations)
+        drawn = self._streams.normal("imu.samples", 12 * number, self._count)[0].reshape(number, 12)
+        walk = np.repeat([noise.acceleration_walk, noise.rate_walk], 3) * np.sqrt(self._period)
+        biases = self._bias + np.cumsum(np.concatenate((np.zeros((1, 6)), walk * drawn[:, 6:])), axis=0)
+        errors = biases[:-1] + drawn[:, :6] * np.repeat([noise.acceleration, noise.rate], 3)
+        self._bias, self._count = biases[-1], self._count + 1
+        return accelerations + errors[:, :3], angular_velocities + errors[:, 3:]

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
-from scipy.special import ellipj, ellipkinc, ellipkm1
+from scipy.special import ellipj, ellipkinc, ellipkm1, elliprf, elliprj
 
+from safe_inspect.dynamics import tumble
 from safe_inspect.dynamics.coasting import CELL, closed_motion_state, coasting_position, grid
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.regulator import regulator
-from safe_inspect.dynamics.tumble import amplitude, complete_first, incomplete_first, incomplete_third
 
+amplitude, complete_first, incomplete_third = (
+    np.vectorize(function) for function in (tumble.amplitude, tumble.complete_first, tumble.incomplete_third)
+)
 COMPLEMENTS = np.array([1e-30, 1e-12, 1e-3, 0.2, 0.7, 1.0])
 ANGLES = np.array([-9.0, -1.6, -0.3, 0.0, 0.5, 1.5, 3.0, 4.8, 11.0])
 
@@ -24,7 +27,7 @@ def test_the_complete_integral_also_where_the_modulus_is_one_but_for_rounding() 
 @pytest.mark.parametrize("m1", [0.05, 0.3, 0.9, 1.0])
 def test_the_incomplete_integrals_and_the_amplitude(m1: float) -> None:
     given = np.full(len(ANGLES), m1)
-    first = incomplete_first(ANGLES, given)
+    first = incomplete_third(0.0, ANGLES, m1)
     np.testing.assert_allclose(first, ellipkinc(ANGLES, 1.0 - m1), rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(amplitude(first, given), ANGLES, rtol=1e-10, atol=1e-12)
     sn, cn, _, _ = ellipj(first, 1.0 - m1)
@@ -37,6 +40,11 @@ def test_the_incomplete_integrals_and_the_amplitude(m1: float) -> None:
         ]
         found = incomplete_third(np.full(len(ANGLES), nu), ANGLES, given)
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+        part = (np.abs(ANGLES) < 0.5 * np.pi) & (ANGLES != 0.0)
+        sine, cosine = np.sin(ANGLES[part]), np.cos(ANGLES[part])
+        arguments = cosine**2, cosine**2 + m1 * sine**2, 1.0
+        third = sine**3 * elliprj(*arguments, 1.0 + nu * sine**2)
+        np.testing.assert_allclose(found[part], sine * elliprf(*arguments) - nu / 3.0 * third, rtol=1e-14)
 
 
 def test_the_amplitude_turns_at_the_quarter_periods() -> None:

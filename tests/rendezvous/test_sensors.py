@@ -103,18 +103,22 @@ def test_pixels_fly_at_edges_only() -> None:
 
 
 def test_the_imu_measures_specific_force_and_rate_with_its_biases() -> None:
-    unit = Imu(ImuNoise(), 0.016, _streams())
-    samples, biases = [], []
-    for _ in range(3000):
-        biases.append(unit._bias)
-        samples.append(unit.sample(np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, 0.03])))
-    force, rate = np.split(np.hstack(np.swapaxes(samples, 0, 1)) - np.array(biases), 2, axis=1)
-    np.testing.assert_allclose(force.mean(axis=0), [0.2, -0.1, 0.3], atol=2e-4)
-    np.testing.assert_allclose(rate.mean(axis=0), [0.01, 0.02, 0.03], atol=1.5e-5)
-    for error, sigma in ((force - [0.2, -0.1, 0.3], 2e-3), (rate - [0.01, 0.02, 0.03], 1.5e-4)):
+    truth = np.array([0.2, -0.1, 0.3, 0.01, 0.02, 0.03])
+
+    def measured(noise: ImuNoise, steps: int = 300, samples: int = 10) -> np.ndarray:
+        unit, given = Imu(noise, 0.016, _streams()), np.tile(truth, (samples, 1))
+        return np.concatenate([np.hstack(unit.measure(given[:, :3], given[:, 3:])) for _ in range(steps)]) - truth
+
+    biases = measured(ImuNoise(acceleration=1e-15, rate=1e-15))  # nothing else is left
+    walk = np.diff(biases, axis=0)
+    np.testing.assert_allclose(walk[:, :3].std(), 1e-5 * np.sqrt(0.016), rtol=0.05)
+    np.testing.assert_allclose(walk[:, 3:].std(), 1e-6 * np.sqrt(0.016), rtol=0.05)
+    noisy = measured(ImuNoise())
+    errors = noisy - biases
+    assert np.abs(errors.mean(axis=0)[:3]).max() < 2e-4
+    assert np.abs(errors.mean(axis=0)[3:]).max() < 1.5e-5
+    for error, sigma in ((errors[:, :3], 2e-3), (errors[:, 3:], 1.5e-4)):
         chi = float((error**2).sum()) / sigma**2
         assert abs(chi - error.size) < 4.0 * np.sqrt(2.0 * error.size)
-    walk = np.diff(np.array(biases)[:, :3], axis=0)
-    assert walk.std() == pytest.approx(1e-5 * np.sqrt(0.016), rel=0.05)
-    again = Imu(ImuNoise(), 0.016, _streams()).sample(np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, 0.03]))
-    assert again[0].tobytes() == samples[0][0].tobytes()
+    assert measured(ImuNoise(), 2).tobytes() == noisy[:20].tobytes()
+    assert measured(ImuNoise(), 3, 0).shape == (0, 6)  # samples farther apart than control steps

@@ -182,16 +182,16 @@ def test_triangles_form_patches_up_to_sharp_edges(tmp_path: Path) -> None:
         assert len(surface.sharp_edges) == sharp
 
 
-@pytest.mark.parametrize("coarse", [False, True])
-def test_only_triangles_with_samples_are_the_nearest(coarse: bool) -> None:
+def test_only_triangles_with_samples_are_the_nearest() -> None:
     surface = MeshSurface(mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.array([[0.5, 0.5, 0.01]]))))
-    upper = surface.sample(0.02).facing(np.array([0.0, 0.0, 5.0]))
     x, y = np.random.default_rng(0).uniform(-0.45, 0.45, (2, 500))
     z = np.linspace(-0.2, 0.2, 500)
-    found = surface.nearest(upper, np.stack([x, y, z]), coarse=coarse)
-    # Below the plate, its lower face would be nearer, but only the upper one was seen.
-    np.testing.assert_allclose(surface.normals[found.triangles], np.tile([0.0, 0.0, 1.0], (500, 1)))
-    np.testing.assert_allclose(found.height, z - 0.01, atol=1e-12)
+    for side in (1.0, -1.0):
+        seen = surface.sample(0.02).facing(np.array([0.0, 0.0, 5.0 * side]))
+        found = surface.nearest(seen, np.stack([x, y, z]))
+        # Beyond the plate, its other face would be nearer, but only this one was seen.
+        np.testing.assert_allclose(surface.normals[found.triangles], np.tile([0.0, 0.0, side], (500, 1)))
+        np.testing.assert_allclose(found.height, side * z - 0.01, atol=1e-12)
 
 
 def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:

@@ -95,7 +95,7 @@ class ModelRegistration:
                 constrains directions that the frame does not; None without a prior.
             iterations: Maximum number of steps.
             widening: Ratio of the cut at the first step to that at the last ones; it decreases to 1 in three steps.
-            coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
+            coarse: Whether to represent the surface by fewer points.
         """
         pose = start
         prior = np.zeros((6, 6)) if information is None else information
@@ -128,13 +128,13 @@ class ModelRegistration:
             cloud: The cleaned frame.
             pose: T_MB, shape (4, 4).
             widening: Factor of the cut.
-            coarse: Whether to represent the surface by fewer points, and to find its nearest triangle approximately.
+            coarse: Whether to represent the surface by fewer points.
         """
         mount = self._T_BC
         samples = (self.coarse_samples if coarse else self.samples).facing((pose @ mount)[:3, 3])
         noise = self._noise._replace(cut=self._noise.cut * widening)
         sums, number = np.zeros((7, 7)), max(len(cloud), 1)
-        distance, inliers = add_surface(sums, self.surface, samples, pose, cloud, noise, coarse=coarse)
+        distance, inliers = add_surface(sums, self.surface, samples, pose, cloud, noise)
         squares = float(sums[6, 6])
         far, shown = add_silhouette(sums, samples, pose, cloud, self._camera, mount, noise)
         score = distance / number + far / max(shown, 1)

@@ -67,8 +67,6 @@ def add_surface(
     transform: FloatArray,
     cloud: Cloud,
     noise: RangeNoise,
-    *,
-    coarse: bool = False,
 ) -> tuple[float, int]:
     """Add the normal equations of measured points against the triangles that look to the camera.
 
@@ -83,7 +81,6 @@ def add_surface(
         transform: T_MB, shape (4, 4).
         cloud: The measured points.
         noise: Error model of the camera.
-        coarse: Whether to find the nearest triangle approximately, see `MeshSurface.nearest`.
 
     Returns:
         The sum of the distances of all points to the surface, each at most `FAR` [m], and the number of points within
@@ -94,7 +91,7 @@ def add_surface(
     x, y, z = cloud.points.T
     # Without BLAS, whose rounding depends on the processor.
     positions = transform[:3, :1] * x + transform[:3, 1:2] * y + transform[:3, 2:3] * z + transform[:3, 3:]
-    triangles, height, beyond = surface.nearest(samples, positions, coarse=coarse)
+    triangles, height, beyond = surface.nearest(samples, positions)
     points = (cloud.points, cloud.rays, cloud.ranges)
     return _add_surface(sums, points, transform, surface.normals, surface.patches, triangles, height, beyond, noise)
 

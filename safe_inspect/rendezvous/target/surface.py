@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -81,6 +81,7 @@ class MeshSurface:
         self.patches, self.sharp, self._neighbours = _patches(mesh.faces[solid], self.normals)
         sides = sides[solid]
         self._squares = np.square(sides).sum(axis=2)
+        self._tree: Any = None
         outwards = np.cross(sides, self.normals[:, None])
         self._shape: _Shape = (self.corners, self.normals, sides, outwards, self._squares, self.sharp)
 
@@ -108,7 +109,7 @@ class MeshSurface:
         of = np.concatenate(triangles)
         return SurfacePoints(np.concatenate(points), self.normals[of], of)
 
-    def nearest(self, samples: SurfacePoints, positions: FloatArray, *, coarse: bool = False) -> Offsets:
+    def nearest(self, samples: SurfacePoints, positions: FloatArray) -> Offsets:
         """Return positions relative to the nearest of the triangles that carry samples.
 
         The nearest sample gives a triangle, which is compared with its neighbours.
@@ -116,38 +117,19 @@ class MeshSurface:
         Args:
             samples: Points on the triangles that count; at least one.
             positions: Positions in M [m], shape (3, n).
-            coarse: Whether to take the triangle of the nearest sample without a comparison; fast for few samples and
-                positions.
         """
-        if coarse:
-            first = samples.triangles[_nearest_points(samples.points, positions)]
-            candidates = first[:, None]
-        else:
+        # Successive calls often have the same samples.
+        if self._tree is None or not np.array_equal(self._tree.data, samples.points):
             from scipy.spatial import cKDTree  # slow to import
 
-            tree = cKDTree(samples.points, balanced_tree=False, compact_nodes=False)
-            first = samples.triangles[tree.query(positions.T)[1]]
-            candidates = np.column_stack([first, self._neighbours[first]])
+            self._tree = cKDTree(samples.points)
+        first = samples.triangles[self._tree.query(positions.T)[1]]
         counts = np.zeros(len(self.corners), np.bool_)
         counts[samples.triangles] = True
+        candidates = np.column_stack([first, self._neighbours[first]])
         found = Offsets(first.copy(), np.empty(len(first)), np.empty((3, len(first))))
         _nearest(candidates, counts, positions, self._shape, found.triangles, found.height, found.beyond)
         return found
-
-
-@njit
-def _nearest_points(points: FloatArray, positions: FloatArray) -> IntArray:
-    """Return the index of the point nearest to each position by comparing all, which is fast for few of them."""
-    nearest = np.zeros(positions.shape[1], np.int64)
-    for index in range(positions.shape[1]):
-        x, y, z = positions[0, index], positions[1, index], positions[2, index]
-        smallest = np.inf
-        for k in range(len(points)):
-            dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
-            square = dx * dx + dy * dy + dz * dz
-            if square < smallest:
-                smallest, nearest[index] = square, k
-    return nearest
 
 
 @njit

@@ -139,12 +139,12 @@ def test_a_motion_whose_attitude_is_hardly_known_is_not_believed() -> None:
         load_rendezvous(
             _FILE,
             ["tumble={functor: RandomTumble}", "sensors.camera.profile=harsh", "mission.observe=90 s",
-             "mission.time_limit=34 s"],
+             "mission.time_limit=37 s"],
         ).config,
         50020,
     ).run()  # fmt: skip
     arrays = result.log.arrays()
-    known = np.isfinite(arrays["nees"]) & (arrays["t"] < 34.0)
+    known = np.isfinite(arrays["nees"])
     assert known.any()
     assert arrays["nees"][known].max() < 60.0
 
