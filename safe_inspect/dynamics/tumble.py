@@ -289,7 +289,6 @@ def _rates(body: _Polhode, phi: float) -> tuple[float, float, float]:
 
 @njit(error_model="numpy")
 def _classify(inertia: FloatArray, angular_velocity: FloatArray, out: FloatArray) -> None:
-    """Write axis, period, extent and largest rate."""
     for n in range(len(angular_velocity)):
         w, body = angular_velocity[n], _polhode(inertia[n], angular_velocity[n])
         if body.steady:
@@ -303,6 +302,14 @@ def _classify(inertia: FloatArray, angular_velocity: FloatArray, out: FloatArray
         out[n, 3] = math.sqrt(max(along**2 + across**2, body.a2**2 + body.m1 * along**2))
 
 
+def _constants(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArray:
+    """Return axis, period, extent and largest rate of each motion, shape (n, 4)."""
+    inertia, angular_velocity = _checked(inertia, angular_velocity)
+    out = np.empty((len(angular_velocity), 4))
+    _classify(inertia, angular_velocity, out)
+    return out
+
+
 def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
     """Return the axis about which bodies tumble, the period, and the amplitude of the motion.
 
@@ -310,9 +317,7 @@ def classify(inertia: FloatArray, angular_velocity: FloatArray) -> TumbleKind:
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
-    inertia, angular_velocity = _checked(inertia, angular_velocity)
-    out = np.empty((len(angular_velocity), 4))
-    _classify(inertia, angular_velocity, out)
+    out = _constants(inertia, angular_velocity)
     return TumbleKind(out[:, 0].astype(np.int64), out[:, 1], out[:, 2])
 
 
@@ -323,10 +328,7 @@ def largest_rate(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArra
         inertia: Principal moments J1 <= J2 <= J3, up to a common factor per body, shape (n, 3) or (3,).
         angular_velocity: Angular velocities in T [rad/s], shape (n, 3).
     """
-    inertia, angular_velocity = _checked(inertia, angular_velocity)
-    out = np.empty((len(angular_velocity), 4))
-    _classify(inertia, angular_velocity, out)
-    return out[:, 3]
+    return _constants(inertia, angular_velocity)[:, 3]
 
 
 def angular_acceleration(inertia: FloatArray, angular_velocity: FloatArray) -> FloatArray:
