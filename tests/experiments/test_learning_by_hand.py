@@ -150,6 +150,10 @@ class Nets(torch.nn.Module):
         hidden = torch.tanh(self.body(observations))
         return self.policy(hidden), self.value(hidden).squeeze(-1)
 
+    def columns(self, observations: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        inputs, values = self(observations)
+        return inputs, values[:, None]
+
 
 class Gaussian:
     """Normal distributions of the elements of an action, from means and logarithms of deviations."""
@@ -231,8 +235,8 @@ def test_minibatches_teach_what_plain_torch_learns(kind: Any, inputs: int, distr
     parameters = list(nets.parameters())
     optimiser, reference = (torch.optim.Adam(net.parameters(), lr=0.02) for net in (nets, plain))
     training = NetTraining(
-        Net(lambda count: AutogradPass(nets, parameters), parameters), part_of(optimiser, parameters), batch, order,
-        terms, clip if clipped else None, distribution,
+        Net(lambda count: AutogradPass(nets.columns, parameters), parameters), part_of(optimiser, parameters), batch,
+        order, terms, clip if clipped else None, distribution,
     )  # fmt: skip
     training.run()
     for chosen in order:
@@ -285,8 +289,11 @@ def test_nets_that_share_nothing_learn_apart_what_they_learn_together() -> None:
     def trained(policy: Any, value: Any, ways: Any) -> dict[str, float]:
         optimiser = torch.optim.Adam([*policy.parameters(), *value.parameters()], lr=0.02)
         trainings = []
-        for way, parameters in ways:
-            net = Net(lambda count, way=way, parameters=parameters: AutogradPass(way, parameters), parameters)
+        for way, parameters, *acts_and_values in ways:
+            net = Net(
+                lambda count, way=way, parameters=parameters: AutogradPass(way, parameters), parameters,
+                *acts_and_values,
+            )  # fmt: skip
             trainings.append(NetTraining(net, part_of(optimiser, parameters), batch, order, terms))
         for training in trainings:
             training.run()
@@ -296,11 +303,11 @@ def test_nets_that_share_nothing_learn_apart_what_they_learn_together() -> None:
     first = [torch.nn.Linear(4, 4), torch.nn.Linear(4, 1)]
     second = copy.deepcopy(first)
     together = trained(*first, [(
-        lambda seen: (first[0](seen), first[1](seen).squeeze(-1)), [*first[0].parameters(), *first[1].parameters()]
+        lambda seen: (first[0](seen), first[1](seen)), [*first[0].parameters(), *first[1].parameters()]
     )])  # fmt: skip
     apart = trained(*second, [
-        (lambda seen: (second[0](seen), None), list(second[0].parameters())),
-        (lambda seen: (None, second[1](seen).squeeze(-1)), list(second[1].parameters())),
+        (lambda seen: (second[0](seen),), list(second[0].parameters()), True, False),
+        (lambda seen: (second[1](seen),), list(second[1].parameters()), False, True),
     ])  # fmt: skip
     assert apart == pytest.approx(together, abs=1e-6)
     for one, other in zip(first, second, strict=True):
@@ -388,7 +395,7 @@ def test_values_are_those_of_the_last_net_in_parts_of_any_size(monkeypatch: pyte
 
     def make_pass(rows: int) -> AutogradPass:
         made.append(rows)
-        return AutogradPass(nets, list(nets.parameters()))
+        return AutogradPass(nets.columns, list(nets.parameters()))
 
     monkeypatch.setattr(ppo_learner, "nets_of", lambda module: [None, Net(make_pass, list(nets.parameters()))])
     learner = Learner(_module={"own": SimpleNamespace(unwrapped=lambda: nets)})

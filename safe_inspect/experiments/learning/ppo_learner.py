@@ -212,8 +212,8 @@ class NetTraining:
         size = order.shape[1]
         self._sums = np.zeros(3)
         self._value_sums = np.zeros(2)
-        self._gradient = torch.empty((size, batch.inputs.shape[1]))
-        self._value_gradient = torch.empty(size)
+        self._inputs = batch.inputs.shape[1]
+        self._gradient = torch.empty((size, self._inputs * net.acts + net.values))
         self.losses: dict[str, float] = {}
         self.norm: Any = None
 
@@ -226,21 +226,17 @@ class NetTraining:
         way = self._net.make_pass(size)
         chosen = torch.empty((size, observations.shape[1]), device=device)
         gradients: list[torch.Tensor] = []
-        inputs: torch.Tensor | None = None
-        values: torch.Tensor | None = None
+        outputs, out = np.empty(0), self._gradient.numpy()
         for rows, indices in zip(self._order, torch.from_numpy(self._order).to(device), strict=True):
             torch.index_select(observations, 0, indices, out=chosen)
-            inputs, values = way.forward(chosen)
-            pushes: list[torch.Tensor | None] = [None, None]
-            if inputs is not None:
-                net, out = inputs.cpu().numpy(), self._gradient.numpy()
-                kernels.policy_gradient(rows, net, self._form, self._sampled, self._terms, out, self._sums)
-                pushes[0] = self._gradient.to(device)
-            if values is not None:
-                net, out = values.cpu().numpy(), self._value_gradient.numpy()
-                kernels.value_gradient(rows, net, self._batch.targets, self._terms, out, self._value_sums)
-                pushes[1] = self._value_gradient.to(device)
-            gradients = way.backward((pushes[0], pushes[1]))
+            outputs = way.forward(chosen).cpu().numpy()
+            if self._net.acts:
+                inputs, push = outputs[:, : self._inputs], out[:, : self._inputs]
+                kernels.policy_gradient(rows, inputs, self._form, self._sampled, self._terms, push, self._sums)
+            if self._net.values:
+                values, push = outputs[:, -1], out[:, -1]
+                kernels.value_gradient(rows, values, self._batch.targets, self._terms, push, self._value_sums)
+            gradients = way.backward(self._gradient.to(device))
             if self._clip_gradients is not None:
                 found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
                 self.norm = self._clip_gradients(found)
@@ -248,24 +244,25 @@ class NetTraining:
             self._optimiser.step(gradients)
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient  # RLlib reads the gradients from here
-        self.losses = self._losses(inputs is not None, None if values is None else values.cpu().numpy())
+        self.losses = self._losses(outputs)
 
-    def _losses(self, policy: bool, values: AnyArray | None) -> dict[str, float]:
+    def _losses(self, outputs: AnyArray) -> dict[str, float]:
         terms, count = self._terms, self._order.shape[1]
         found = {TOTAL: 0.0}
-        if policy:
+        if self._net.acts:
             surrogate, entropy, divergence = (self._sums / count).tolist()
             found[TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
             found[POLICY_LOSS_KEY] = -surrogate
             found[ENTROPY_KEY] = entropy
             found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
-        if values is not None:
-            targets = self._batch.targets[self._order[-1]]
+        if self._net.values:
             clipped, unclipped = (self._value_sums / count).tolist()
             found[TOTAL] += terms.value * clipped
             found[VF_LOSS_KEY] = clipped
             found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
-            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(targets, values)
+            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(
+                self._batch.targets[self._order[-1]], outputs[:, -1]
+            )
         return found
 
 
@@ -352,15 +349,11 @@ class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]
 
     def _values(self, name: str, observations: AnyArray) -> AnyArray:
         """Return the values of observations before the update."""
-        found = []
         with torch.no_grad():
             *_, net = nets_of(self.module[name].unwrapped())
             parts = torch.split(torch.from_numpy(observations).to(net.parameters[0].device), _ROWS_AT_ONCE)
             ways = {len(part): net.make_pass(len(part)) for part in (parts[0], parts[-1])}
-            for part in parts:
-                _, values = ways[len(part)].forward(part)
-                assert values is not None, "the last net computes the values"
-                found.append(values.cpu().numpy().copy())
+            found = [ways[len(part)].forward(part)[:, -1].cpu().numpy().copy() for part in parts]
         return np.concatenate(found)
 
     def _trainings(self, name: str, batch: Batch, order: IntArray) -> list[NetTraining]:

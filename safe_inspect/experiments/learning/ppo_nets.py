@@ -12,87 +12,59 @@ import torch
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.compiling import njit
-from safe_inspect.experiments.modules.tanh_net import (
-    TRAINING,
-    PlainLayers,
-    TanhNet,
-    linear_layers,
-    policy_layers,
-    value_layers,
-)
+from safe_inspect.experiments.modules.tanh_net import TRAINING, PlainLayers, TanhNet, linear_layers, plain_layers
 from safe_inspect.types import AnyArray
 
-#: Inputs of the action distribution, and values; None if a net does not compute them.
-Outputs = tuple[torch.Tensor | None, torch.Tensor | None]
+Outputs = tuple[torch.Tensor, ...]
 
 
 class AutogradPass:
-    """Pass through any net, with Torch's autograd.
+    """Pass through any net, with Torch's autograd; `TanhNet` is such a pass too, and takes less time.
 
     Args:
-        net: The net as a function of observations.
+        net: The net as a function from observations to its outputs, each of shape (B, number of columns).
         parameters: The parameters of the net that learn.
     """
 
     def __init__(self, net: Callable[[torch.Tensor], Outputs], parameters: Sequence[torch.nn.Parameter]) -> None:
         self._net, self._parameters = net, parameters
-        self._outputs: Outputs = (None, None)
+        self._outputs: Outputs = ()
 
-    def forward(self, observations: torch.Tensor) -> Outputs:
-        """Return the outputs for observations (B, O): inputs of the action distribution (B, I) and values (B,)."""
-        self._outputs = self._net(observations)
-        inputs, values = self._outputs
-        return (None if inputs is None else inputs.detach(), None if values is None else values.detach())
+    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+        """Return the columns of all outputs for observations (B, O)."""
+        self._outputs = self._net(batch)
+        return torch.cat([output.detach() for output in self._outputs], dim=1)
 
-    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """Return the gradients of the parameters, given those with respect to the outputs of the last `forward`."""
-        pairs = zip(self._outputs, gradients, strict=True)
-        outputs, pushes = zip(*((out, push) for out, push in pairs if out is not None), strict=True)
-        found = torch.autograd.grad(outputs, self._parameters, pushes, allow_unused=True)
+    def backward(self, gradient: torch.Tensor) -> list[torch.Tensor]:
+        """Return the gradients of the parameters, given that with respect to the columns of the last `forward`."""
+        widths = [output.shape[1] for output in self._outputs]
+        pushes = [part.contiguous() for part in torch.split(gradient, widths, dim=1)]  # type: ignore[no-untyped-call]
+        found = torch.autograd.grad(self._outputs, self._parameters, pushes, allow_unused=True)
         return [
             torch.zeros_like(parameter) if gradient is None else gradient
             for parameter, gradient in zip(self._parameters, found, strict=True)
         ]
 
 
-class TanhPass:
-    """Pass through a net of tanh layers that computes one of the two outputs.
-
-    Args:
-        net: The net.
-        values: Whether it computes the values; otherwise it computes the inputs of the action distribution.
-    """
-
-    def __init__(self, net: TanhNet, values: bool) -> None:
-        self._net, self._values = net, values
-
-    def forward(self, observations: torch.Tensor) -> Outputs:
-        """See `AutogradPass.forward`."""
-        with torch.no_grad():
-            found = self._net.forward(observations)
-        return (None, found.squeeze(-1)) if self._values else (found, None)
-
-    def backward(self, gradients: Outputs) -> list[torch.Tensor]:
-        """See `AutogradPass.backward`; the gradients are changed in place."""
-        inputs, values = gradients
-        push = inputs if values is None else values.unsqueeze(-1)
-        assert push is not None, "the gradient of the one output that the net computes"
-        with torch.no_grad():
-            return self._net.backward(push)
-
-
 @dataclass(frozen=True)
 class Net:
     """A part of a module that shares no parameters with other parts, and so can learn separately.
 
+    Its outputs are the inputs of the action distribution (I columns) if it acts, and then the value (one column) if it
+    values.
+
     Attributes:
         make_pass: Function from the number of rows of a minibatch to a pass through the net.
         parameters: Its parameters that learn.
+        acts: Whether it computes the inputs of the action distribution.
+        values: Whether it computes the value.
         why_autograd: Why Torch's autograd computes its gradients; empty if `TanhNet` does, which takes less time.
     """
 
-    make_pass: Callable[[int], AutogradPass | TanhPass]
+    make_pass: Callable[[int], AutogradPass | TanhNet]
     parameters: Sequence[torch.nn.Parameter]
+    acts: bool = True
+    values: bool = True
     why_autograd: str = ""
 
 
@@ -106,10 +78,10 @@ def nets_of(module: Any, together: bool = False) -> list[Net]:
     whole = _whole(module)
     if together:
         return [replace(whole, why_autograd="the gradients of policy and value function are clipped together")]
-    found = (policy_layers(module, TRAINING), value_layers(module))
-    if found[0] is None or found[1] is None:
+    policy, value = (plain_layers(module, TRAINING, values=values) for values in (False, True))
+    if policy is None or value is None:
         return [replace(whole, why_autograd="its module is not RLlib's own with an encoder for each net")]
-    parts = [_part(found[0], False), _part(found[1], True)]
+    parts = [_part(policy, False), _part(value, True)]
     known = [id(parameter) for part in parts for parameter in part.parameters]
     if len(set(known)) < len(known) or set(known) != {id(parameter) for parameter in whole.parameters}:
         return [replace(whole, why_autograd="policy and value function share parameters")]
@@ -123,7 +95,7 @@ def _whole(module: Any) -> Net:
         batch = {Columns.OBS: observations}
         outputs = module.forward_train(batch)
         values = module.compute_values(batch, embeddings=outputs.get(Columns.EMBEDDINGS))
-        return outputs[Columns.ACTION_DIST_INPUTS], values
+        return outputs[Columns.ACTION_DIST_INPUTS], values.unsqueeze(-1)
 
     return Net(lambda rows: AutogradPass(forward, parameters), parameters)
 
@@ -132,15 +104,9 @@ def _part(found: PlainLayers, values: bool) -> Net:
     parameters = [*_learning(found.body), *_learning(found.head)]
     layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
     if layers is not None and len(parameters) == 2 * len(layers):
-        return Net(lambda rows: TanhPass(TanhNet(layers, rows, found.limit), values), parameters)
-
-    def forward(observations: torch.Tensor) -> Outputs:
-        outputs = found(observations)
-        return (None, outputs.squeeze(-1)) if values else (outputs, None)
-
-    return Net(
-        lambda rows: AutogradPass(forward, parameters), parameters, "its layers are not linear with tanh between"
-    )
+        return Net(lambda rows: TanhNet(layers, rows, found.limit), parameters, not values, values)
+    why = "its layers are not linear with tanh between"
+    return Net(lambda rows: AutogradPass(lambda seen: (found(seen),), parameters), parameters, not values, values, why)
 
 
 def _learning(module: Any) -> list[torch.nn.Parameter]:

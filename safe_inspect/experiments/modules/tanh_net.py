@@ -18,7 +18,6 @@ from ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module import DefaultPP
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.models.torch.encoder import TorchActorCriticEncoder, TorchMLPEncoder
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead, TorchMLPHead
-from ray.rllib.core.models.torch.primitives import TorchMLP
 
 from safe_inspect.compiling import njit
 from safe_inspect.experiments.modules.saved_policy import distribution_of_module
@@ -207,40 +206,25 @@ class PlainLayers:
         return type(self.head) is TorchMLPHead
 
 
-def policy_layers(module: Any, methods: tuple[str, ...]) -> PlainLayers | None:
-    """Return the layers of a module's policy; None if its outputs are not those of plain layers.
+def plain_layers(module: Any, methods: tuple[str, ...], *, values: bool = False) -> PlainLayers | None:
+    """Return the layers of a module's policy or value function; None if its outputs are not those of plain layers.
 
     Args:
         module: RLlib's module.
         methods: The methods that the layers replace, `SAMPLING` or `TRAINING`.
+        values: Whether to return the layers of the value function, None if it has no separate encoder.
     """
-    if not _is_plain(module, methods):
-        return None
-    encoder = module.encoder
-    return _layers(encoder.encoder if encoder.config.shared else encoder.actor_encoder, module.pi)
-
-
-def value_layers(module: Any) -> PlainLayers | None:
-    """Return the layers of a module's value function; None if it has no separate layers or is of another class."""
-    if not _is_plain(module, TRAINING) or module.encoder.config.shared:
-        return None
-    return _layers(module.encoder.critic_encoder, module.vf)
-
-
-def _is_plain(module: Any, methods: tuple[str, ...]) -> bool:
     ours = DefaultPPOTorchRLModule
-    return (
-        isinstance(module, ours)
-        and all(getattr(type(module), name) is getattr(ours, name) for name in methods)
-        and type(module.encoder) is TorchActorCriticEncoder
-    )
-
-
-def _layers(encoder: Any, head: Any) -> PlainLayers | None:
-    known = type(encoder) is TorchMLPEncoder and type(encoder.net) is TorchMLP
-    if not known or type(head) not in (TorchMLPHead, TorchFreeLogStdMLPHead):
+    if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in methods):
         return None
-    return PlainLayers(encoder.net.mlp, head)
+    encoder: Any = module.encoder
+    usual = type(encoder) is TorchActorCriticEncoder
+    if not usual or (values and encoder.config.shared):
+        return None
+    separate, head = ("critic_encoder", module.vf) if values else ("actor_encoder", module.pi)
+    part = encoder.encoder if encoder.config.shared else getattr(encoder, separate)
+    known = type(part) is TorchMLPEncoder and type(head) in (TorchMLPHead, TorchFreeLogStdMLPHead)
+    return PlainLayers(part.net.mlp, head) if known else None
 
 
 class PolicyNet:
@@ -290,7 +274,7 @@ class PolicyNet:
         The learner's tanh needs widths that are multiples of the processor's vectors, so that the result of a row does
         not depend on its index.
         """
-        found = policy_layers(self._module, SAMPLING)
+        found = plain_layers(self._module, SAMPLING)
         if found is None or self._remote is not None:
             return found
         layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
