@@ -113,6 +113,12 @@ class TranslatedSettings:
     problems: list[Problem] = field(default_factory=list)
     given: frozenset[str] = frozenset()
 
+    def nest(self, key: str, found: TranslatedSettings) -> None:
+        """Take the settings of a nested mapping as the value of a key, with their notes and problems."""
+        self.settings[key] = found.settings
+        self.notes += found.notes
+        self.problems += found.problems
+
 
 @dataclass(frozen=True)
 class KeyTables:
@@ -127,6 +133,7 @@ class KeyTables:
         spellings: Alternative spellings with the usual ones.
         unchecked: Names of further keys, whose values can only be checked once Ray is loaded.
         searchable: Whether values may be searched.
+        unknown: Message about a key that is in no table, with `{}` for its name.
     """
 
     known: Mapping[str, Any]
@@ -137,6 +144,7 @@ class KeyTables:
     spellings: Mapping[str, str] = field(default_factory=dict)
     unchecked: Collection[str] = ()
     searchable: bool = False
+    unknown: str = "there is no key `{}`"
 
 
 def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> TranslatedSettings:
@@ -172,7 +180,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
                 settings[name] = value
             else:
                 names = [*tables.known, *tables.renamed, *tables.unchecked]
-                problems.append(Problem(f"there is no key `{given}`", where, hint=key_hint(str(given), names)))
+                problems.append(Problem(tables.unknown.format(given), where, hint=key_hint(str(given), names)))
             continue
         if name in source:
             problems.append(Problem(f"`{given}` and `{source[name]}` are the same key, given twice", where))

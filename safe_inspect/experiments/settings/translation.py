@@ -12,7 +12,6 @@ from annotated_types import Ge
 
 from safe_inspect.config.keys import old_keys, run_keys
 from safe_inspect.config.keys import rllib_keys as keys
-from safe_inspect.config.keys.old_keys import key_hint
 from safe_inspect.config.keys.rllib_keys import keys_of_release
 from safe_inspect.config.keys.value_types import NUMBER, numeric
 from safe_inspect.errors import Problem, did_you_mean
@@ -20,7 +19,6 @@ from safe_inspect.experiments.settings.key_tables import (
     EVAL,
     KeyTables,
     TranslatedSettings,
-    check_value,
     is_searched,
     named_values,
     resolved_by_tune,
@@ -33,6 +31,15 @@ _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPP
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
 _LIMIT = numeric(float, Ge(1))
+#: Criteria to stop a training. Tune ignores those that are never reported, and the training would never end.
+_STOP = KeyTables(
+    dict.fromkeys(run_keys.STOP_KEYS, NUMBER) | dict.fromkeys(run_keys.STOP_COUNTS, _LIMIT),
+    run_keys.STOP_RENAMED,
+    {},
+    {},
+    spellings={name: new for name, new in run_keys.STOP_RENAMED.items() if "/" in name or name in new},
+    unknown="training cannot stop on `{}`, which is never reported",
+)
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
 
 
@@ -75,7 +82,7 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
             "the training runs until it is interrupted; to limit it, give `stop`, such as `training_iteration=100`"
         )
     if isinstance(stop, Mapping):
-        settings["stop"] = _translate_stop(stop, notes, problems)
+        found.nest("stop", translate_keys(stop, "tune_config.stop", _STOP))
     score = settings.get("checkpoint_score_attribute")
     if score:
         if score.startswith("min-"):
@@ -159,15 +166,13 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         searchable=not nested,
     )
     found = translate_keys(mapping, path, tables)
-    settings, notes, problems = found.settings, found.notes, found.problems
+    settings, problems = found.settings, found.problems
     problems += _hidden_searches(mapping, path)
     if isinstance(settings.get("model_config"), Mapping):
         model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
         model = translate_keys(settings["model_config"], model_path, _MODEL)
-        settings["model_config"] = model.settings
-        problems += _hidden_searches(settings["model_config"], model_path)
-        notes += model.notes
-        problems += model.problems
+        model.problems[:0] = _hidden_searches(model.settings, model_path)
+        found.nest("model_config", model)
         if algorithm != "PPO":
             own_keys = [key for key in model.settings if key in keys.FRESH_KEYS]
             if own_keys:
@@ -183,9 +188,7 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
             problems.append(Problem(message, f"{model_path}.free_log_std", hint="remove it or `use_lstm`"))
     if isinstance(settings.get("evaluation_config"), Mapping):
         evaluation = _rllib(settings["evaluation_config"], f"{path}.evaluation_config", algorithm, True)
-        settings["evaluation_config"] = evaluation.settings
-        notes += evaluation.notes
-        problems += evaluation.problems
+        found.nest("evaluation_config", evaluation)
     return found
 
 
@@ -273,31 +276,6 @@ def _choose_fast_paths(settings: dict[str, Any]) -> tuple[list[str], list[Proble
         settings["learner"] = "stock"
         notes.append(f"RLlib's stock learner learns: {learning}")
     return notes, []
-
-
-def _translate_stop(stop: Mapping[str, Any], notes: list[str], problems: list[Problem]) -> dict[str, float]:
-    """Return the stopping criteria, and add notes and problems.
-
-    Criteria that are never reported are problems, because Tune ignores them and the training would never end.
-    """
-    settings: dict[str, float] = {}
-    for given, value in stop.items():
-        where = f"tune_config.stop.{given}"
-        name = run_keys.STOP_RENAMED.get(str(given), str(given))
-        if name not in run_keys.STOP_KEYS:
-            hint = key_hint(str(given), [*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED])
-            problems.append(Problem(f"training cannot stop on `{given}`, which is never reported", where, hint=hint))
-            continue
-        if name != given and "/" not in str(given) and str(given) not in name:
-            notes.append(f"`stop.{given}` is now `{name}`")
-        limit, mistake = check_value(_LIMIT if name in run_keys.STOP_COUNTS else NUMBER, value)
-        if mistake:
-            problems.append(Problem(mistake, where))
-        elif name in settings:
-            problems.append(Problem(f"`{given}` is `{name}`, which is given twice", where))
-        else:
-            settings[name] = limit
-    return settings
 
 
 def _fit_batch(settings: dict[str, Any], given: frozenset[str]) -> list[Problem]:
