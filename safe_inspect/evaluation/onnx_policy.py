@@ -219,11 +219,17 @@ class OnnxPolicy:
             )
         slots, deputies = flight.slots[rows], flight.deputies[rows]
         drawn = draw_in_rollout(self.distribution, inputs, True, self._seed, slots, deputies, step)
-        values = np.minimum(np.maximum(self._offset + self._gain * drawn, self._low), self._high)
+        values = self.commanded(drawn)
+        if self._coasts:
+            values[:, -1] = drawn[:, -1]
+        return values
+
+    def commanded(self, action: FloatArray) -> FloatArray:
+        """Return the output `thrust` for actions: numbers as the network gives them, and indices of levels, (R, A)."""
+        values = np.minimum(np.maximum(self._offset + self._gain * action, self._low), self._high)
         for column, levels in enumerate(self._levels):
             if len(levels):
-                chosen = drawn[:, column].astype(np.int64)
-                values[:, column] = chosen if self._is_coast(column) else levels[chosen]
+                values[:, column] = levels[action[:, column].astype(np.int64)]
         return values
 
     def _is_coast(self, column: int) -> bool:

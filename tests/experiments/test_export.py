@@ -207,7 +207,7 @@ class TestRefusals:
 
         alone = tmp_path / "checkpoint_000003"
         shutil.copytree(run[1], alone)
-        with pytest.raises(CheckpointError, match="give the experiment with --cfg"):
+        with pytest.raises(CheckpointError, match="give the task with --cfg"):
             export_policy(alone, tmp_path / "p.onnx")
         assert export_policy(alone, tmp_path / "p.onnx", experiment=run[0]).info.training["steps"] == 28_000
 

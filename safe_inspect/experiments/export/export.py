@@ -28,7 +28,13 @@ from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, element_columns, seal
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
-from safe_inspect.experiments.modules.checkpoints import configuration_of, policy_folder, read_checkpoint
+from safe_inspect.experiments.modules.checkpoints import (
+    configuration_of,
+    known_configuration,
+    known_info,
+    policy_folder,
+    read_checkpoint,
+)
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
 from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.modules.saved_policy import SacPolicy
@@ -105,13 +111,7 @@ def _commanded(policy: OnnxPolicy, inputs: AnyArray, expected: AnyArray) -> Floa
     means = slice(gates, gates + sum(not element.levels for element in elements))
     mixed, rows = inputs.copy(), np.zeros(len(inputs), dtype=np.int64)
     mixed[:, means] = expected[:, means]
-    action = draw_in_rollout(policy.distribution, mixed, False, 0, rows, rows, 0)
-    offset, gain, low, high = (element_columns(elements, name) for name in ("offset", "gain", "low", "high"))
-    values = np.clip(offset + gain * action, low, high)
-    for column, element in enumerate(elements):
-        if element.levels:
-            values[:, column] = np.array(element.levels)[action[:, column].astype(np.int64)]
-    return values
+    return policy.commanded(draw_in_rollout(policy.distribution, mixed, False, 0, rows, rows, 0))
 
 
 def _outputs(net: torch.nn.Module, observation: AnyArray) -> AnyArray:
@@ -189,28 +189,18 @@ def export_policy(
     """
     require_onnx()
     folder = policy_folder(checkpoint, policy)
-    own = configuration_of(checkpoint)
     if experiment is None:
-        if own is None:
-            raise CheckpointError(
-                f"{checkpoint}: the checkpoint is not in the folder of a training run, so its task is unknown; give "
-                "the experiment with --cfg"
-            )
-        experiment = load_experiment(own)
+        experiment = load_experiment(known_configuration(checkpoint))
     title = f"{checkpoint}, policy {folder.name}"
     agents = _agents(experiment, folder.name, title)
     loaded = trained_policy(checkpoint, folder.name)
     net = RllibNet(loaded.module, title)
-    if loaded.info is None:
-        raise CheckpointError(
-            f"{title}: the checkpoint does not describe the policy's observation and action, so it cannot be exported; "
-            "train again"
-        )
+    trained = known_info(loaded.module.model_config, title)
     for agent in agents:
-        check_layout(title, loaded.info, agent)
+        check_layout(title, trained, agent)
     info = replace(
         policy_info(experiment, folder.name, agents, exportable=True),
-        distribution=loaded.info.distribution,  # `hurdle` is a setting of the net and not of the task
+        distribution=trained.distribution,  # `hurdle` is a setting of the net and not of the task
         configuration=portable(experiment.resolved),
         training=training_record(checkpoint),
         state=net.state,

@@ -271,6 +271,21 @@ def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
     return None
 
 
+def known_configuration(checkpoint: str | os.PathLike[str]) -> Path:
+    """Return the file of the resolved configuration of a checkpoint's run; see `configuration_of`.
+
+    Raises:
+        CheckpointError: The checkpoint is not in a run.
+    """
+    found = configuration_of(checkpoint)
+    if found is None:
+        raise CheckpointError(
+            f"{checkpoint}: the checkpoint is not in the folder of a training run, so its task is unknown; give the "
+            "task with --cfg"
+        )
+    return found
+
+
 @dataclass(frozen=True)
 class Weights:
     """Content of the weights file of a policy.
@@ -297,6 +312,21 @@ def info_of(model: Mapping[str, Any]) -> PolicyInfo | None:
     """Return the description of a policy from its `model_config`; None if that does not contain it."""
     texts = model.get(INFO) or {}
     return PolicyInfo.of(texts) if "observation" in texts else None
+
+
+def known_info(model: Mapping[str, Any], title: str) -> PolicyInfo:
+    """Return the description of a policy, see `info_of`.
+
+    Raises:
+        CheckpointError: There is none.
+    """
+    found = info_of(model)
+    if found is None:
+        raise CheckpointError(
+            f"{title}: the checkpoint does not describe its policy's observation and action, so it cannot be used; "
+            "train again"
+        )
+    return found
 
 
 def pack(module: Any, state: Mapping[str, Any]) -> bytes:

@@ -36,6 +36,8 @@ from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.modules.checkpoints import (
     checkpoint_hash,
     configuration_of,
+    known_configuration,
+    known_info,
     newest_checkpoint,
     policy_folder,
     read_checkpoint,
@@ -250,13 +252,7 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
 def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
     read_checkpoint(folder)
     configuration = configuration_of(folder)
-    cfg = configuration if wanted.cfg is None else wanted.cfg
-    if cfg is None:
-        raise CheckpointError(
-            f"{folder}: the checkpoint is not in the folder of a training run, so its task is unknown; give the task "
-            "with --cfg"
-        )
-    experiment = wanted.load(cfg)
+    experiment = wanted.load(known_configuration(folder) if wanted.cfg is None else wanted.cfg)
     policies = _checkpoint_policies(folder, experiment.spec, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
     source = _source(text, "checkpoint", folder.absolute(), checkpoint_hash(folder))
@@ -281,13 +277,8 @@ def _checkpoint_policies(path: Path, spec: EnvironmentSpec, wanted: Wanted) -> d
     outside = [agent for agent in spec.agents if agent.scripted_policy is None]
     chosen = {agent.name: _chosen(path, agent) for agent in outside}
     for agent in outside:  # checked before Ray and Torch are loaded
-        info = read_weights(policy_folder(path, chosen[agent.name])).info
-        if info is None:
-            raise CheckpointError(
-                f"{path}: the checkpoint does not describe its policy's observation and action, so it cannot be used; "
-                "train again"
-            )
-        check_layout(str(path), info, agent)
+        weights = read_weights(policy_folder(path, chosen[agent.name]))
+        check_layout(str(path), known_info(weights.model, str(path)), agent)
     from safe_inspect.experiments.modules.policy import trained_policy  # loads Ray and Torch
 
     loaded = {
