@@ -8,12 +8,14 @@ them when a sample is requested. `build_config` selects them for the trainings t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from gymnasium import spaces as gym_spaces
+from gymnasium.vector import VectorEnv
 from ray.rllib.callbacks.callbacks import RLlibCallback
 from ray.rllib.callbacks.utils import make_callback
 from ray.rllib.core import DEFAULT_AGENT_ID, DEFAULT_MODULE_ID
@@ -40,6 +42,7 @@ from safe_inspect.experiments.sampling.sampler import DecisionSampler, EpisodeRe
 #: Values of an episode that are logged under RLlib's names.
 LOGGED_BY_RLLIB = frozenset({"return", "length", "seconds"})
 
+_REDUCTIONS: dict[str, Callable[[Sequence[float]], float]] = {"mean": fmean, "min": min, "max": max}
 #: Name of the task's part of a runner's state.
 TASK = "task"
 
@@ -150,35 +153,29 @@ def log_episodes(
     window = window_of(config)
     recent = reports[-window:]
 
-    def log(key: Any, value: float, reduce: str = "mean") -> None:
+    def log(key: Any, what: str, reduce: str = "mean") -> float:
+        values = [report[what] for report in recent]
+        value = _REDUCTIONS[reduce](values)
         logger.log_value(key, value, reduce=reduce, window=window)
+        return value
 
     for name, what in (("episode_return", "return"), ("episode_len", "length")):
-        values = [report[what] for report in recent]
-        log(f"{name}_mean", _mean(values))
-        log(f"{name}_min", min(values), "min")
-        log(f"{name}_max", max(values), "max")
-    log(names.EPISODE_DURATION_SEC_MEAN, _mean([report["seconds"] for report in recent]))
+        for reduce in ("mean", "min", "max"):
+            log(f"{name}_{reduce}", what, reduce)
+    log(names.EPISODE_DURATION_SEC_MEAN, "seconds")
     if not several:
-        value = _mean([report["return"] for report in recent])
-        log(("agent_episode_return_mean", DEFAULT_AGENT_ID), value)
-        log(("module_episode_return_mean", DEFAULT_MODULE_ID), value)
+        log(("agent_episode_return_mean", DEFAULT_AGENT_ID), "return")
+        log(("module_episode_return_mean", DEFAULT_MODULE_ID), "return")
         return
     totals = dict.fromkeys((slot.policy for slot in slots), 0.0)
-    for agent, policy in ((slot.agent, slot.policy) for slot in slots):
-        value = _mean([report[f"agents/{agent}/return"] for report in recent])
-        log((names.EPISODE_AGENT_RETURN_MEAN, agent), value)
-        log((names.EPISODE_AGENT_STEPS, agent), _mean([report[f"agents/{agent}/length"] for report in recent]))
-        totals[policy] += value
+    for slot in slots:
+        totals[slot.policy] += log((names.EPISODE_AGENT_RETURN_MEAN, slot.agent), f"agents/{slot.agent}/return")
+        log((names.EPISODE_AGENT_STEPS, slot.agent), f"agents/{slot.agent}/length")
     for policy, total in totals.items():
-        log((names.EPISODE_MODULE_RETURN_MEAN, policy), total)
+        logger.log_value((names.EPISODE_MODULE_RETURN_MEAN, policy), total, reduce="mean", window=window)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return math.fsum(values) / len(values)
-
-
-class TeamSpaces:
+class TeamSpaces(VectorEnv[Any, Any, Any]):
     """Replacement for the environment that RLlib expects; it has the spaces and the batch of environments.
 
     Args:
@@ -196,14 +193,6 @@ class TeamSpaces:
         only = next(iter(self.by_agent))
         self.single_observation_space = self.observation_space = observation if several else observation[only]
         self.single_action_space = self.action_space = action if several else action[only]
-
-    @property
-    def unwrapped(self) -> TeamSpaces:
-        """The object itself, as nothing is wrapped."""
-        return self
-
-    def close(self) -> None:
-        """Do nothing, as there are no resources to close."""
 
 
 class _Batched:

@@ -33,6 +33,7 @@ from safe_inspect.experiments.sampling.sampler import EpisodeReport, episode_rep
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, experiment_in
 from safe_inspect.outputs import new_file
 from safe_inspect.plugins.registry import import_user_module
+from safe_inspect.random.splitmix import mix
 from safe_inspect.types import AnyArray, BoolArray, IntArray
 
 #: Function that builds environments from the resolved configuration, their number, the seed and the first slot.
@@ -59,11 +60,8 @@ def stream_seed(seed: int, attempt: int = 0, evaluation: bool = False) -> int:
     number = 2 * attempt + int(evaluation)
     if number == 0:
         return seed % 2**64
-    # The finaliser of SplitMix64, so that neighbouring runs do not share seeds.
-    mixed = (seed + number * 0x9E3779B97F4A7C15) % 2**64
-    mixed = ((mixed ^ (mixed >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
-    mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) % 2**64
-    return mixed ^ (mixed >> 31)
+    # Mixed, so that neighbouring runs do not share seeds.
+    return int(mix(np.uint64((seed + number * 0x9E3779B97F4A7C15) % 2**64)))
 
 
 def seed_of(config: Mapping[str, Any], evaluation: bool) -> int:
