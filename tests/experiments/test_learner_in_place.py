@@ -120,18 +120,18 @@ def test_the_terms_of_the_loss_are_those_of_the_configuration() -> None:
     batch = batches_of(runner.sample(num_timesteps=160), lambda name: True)["default_policy"]
     order = minibatches(len(batch), 32, 1, True, (5, "default_policy", 1))
     wanted = Terms(clip=0.1, value_clip=0.05, value=0.6, entropy=0.05, divergence=0.3, measured=True)
-    found = [training._terms for training in learner._trainings("default_policy", batch, order)]
+    found = [training.terms for training in learner._trainings("default_policy", batch, order)]
     assert [tuple(terms) for terms in found] == [pytest.approx(tuple(wanted))] * 2
     learner.entropy_coeff_schedulers_per_module["default_policy"].update(500)
     (policy, _) = learner._trainings("default_policy", batch, order)
-    assert policy._terms.entropy == pytest.approx(0.03)
+    assert policy.terms.entropy == pytest.approx(0.03)
     without, _ = learner_of(ONE, use_kl_loss=False)
     (policy, _) = without._trainings("default_policy", batch, order)
-    assert (policy._terms.divergence, policy._terms.measured, policy._clip_gradients) == (0.0, False, None)
+    assert (policy.terms.divergence, policy.terms.measured, policy.clip_gradients) == (0.0, False, None)
     clipping, _ = learner_of(ONE, grad_clip=0.5, grad_clip_by="global_norm")
     (only,) = clipping._trainings("default_policy", batch, order)
     gradients = {"a": torch.tensor([3.0]), "b": torch.tensor([4.0])}
-    assert float(only._clip_gradients(gradients)) == pytest.approx(5.0)
+    assert float(only.clip_gradients(gradients)) == pytest.approx(5.0)
     assert [float(one) for one in gradients.values()] == pytest.approx([0.3, 0.4])
 
 

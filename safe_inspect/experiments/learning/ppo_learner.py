@@ -176,6 +176,7 @@ def _data(buffer: Any) -> AnyArray:
     return np.asarray(buffer.data[buffer.lookback :])
 
 
+@dataclass(eq=False)
 class NetTraining:
     """Training of one net with the minibatches of a batch; several trainings may run in parallel.
 
@@ -195,74 +196,68 @@ class NetTraining:
         norm: After `run`, the norm of the last gradients before clipping, if `clip_gradients` has returned it.
     """
 
-    def __init__(
-        self,
-        net: Net,
-        optimiser: Any,
-        batch: Batch,
-        order: IntArray,
-        terms: kernels.Terms,
-        clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None,
-        distribution: Any = None,
-    ) -> None:
-        self._net, self._optimiser, self._batch, self._order, self._terms = net, optimiser, batch, order, terms
-        self._clip_gradients = clip_gradients
-        self._form = _form_of(distribution)
+    net: Net
+    optimiser: Any
+    batch: Batch
+    order: IntArray
+    terms: Terms
+    clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None
+    distribution: Any = None
+    losses: dict[str, float] = field(default_factory=dict, init=False)
+    norm: Any = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        batch, size = self.batch, self.order.shape[1]
+        self._form = _form_of(self.distribution)
         self._sampled = kernels.Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
-        size = order.shape[1]
-        self._sums = np.zeros(3)
-        self._value_sums = np.zeros(2)
+        self._sums, self._value_sums = np.zeros(3), np.zeros(2)
         self._inputs = batch.inputs.shape[1]
-        self._gradient = torch.empty((size, self._inputs * net.acts + net.values))
-        self.losses: dict[str, float] = {}
-        self.norm: Any = None
+        self._gradient = torch.empty((size, self._inputs * self.net.acts + self.net.values))
 
     def run(self) -> None:
         """Take an optimiser step for each minibatch."""
-        parameters = self._net.parameters
+        parameters = self.net.parameters
         device = parameters[0].device
-        observations = torch.from_numpy(self._batch.observations).to(device)
-        size = self._order.shape[1]
-        way = self._net.make_pass(size)
+        observations = torch.from_numpy(self.batch.observations).to(device)
+        size = self.order.shape[1]
+        way = self.net.make_pass(size)
         chosen = torch.empty((size, observations.shape[1]), device=device)
         gradients: list[torch.Tensor] = []
         outputs, out = np.empty(0), self._gradient.numpy()
-        for rows, indices in zip(self._order, torch.from_numpy(self._order).to(device), strict=True):
+        for rows, indices in zip(self.order, torch.from_numpy(self.order).to(device), strict=True):
             torch.index_select(observations, 0, indices, out=chosen)
             outputs = way.forward(chosen).cpu().numpy()
-            if self._net.acts:
+            if self.net.acts:
                 inputs, push = outputs[:, : self._inputs], out[:, : self._inputs]
-                kernels.policy_gradient(rows, inputs, self._form, self._sampled, self._terms, push, self._sums)
-            if self._net.values:
+                kernels.policy_gradient(rows, inputs, self._form, self._sampled, self.terms, push, self._sums)
+            if self.net.values:
                 values, push = outputs[:, -1], out[:, -1]
-                kernels.value_gradient(rows, values, self._batch.targets, self._terms, push, self._value_sums)
+                kernels.value_gradient(rows, values, self.batch.targets, self.terms, push, self._value_sums)
             gradients = way.backward(self._gradient.to(device))
-            if self._clip_gradients is not None:
+            if self.clip_gradients is not None:
                 found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
-                self.norm = self._clip_gradients(found)
+                self.norm = self.clip_gradients(found)
                 gradients = [found[parameter] for parameter in parameters]
-            self._optimiser.step(gradients)
+            self.optimiser.step(gradients)
         for parameter, gradient in zip(parameters, gradients, strict=True):
             parameter.grad = gradient  # RLlib reads the gradients from here
         self.losses = self._losses(outputs)
 
     def _losses(self, outputs: AnyArray) -> dict[str, float]:
-        terms, count = self._terms, self._order.shape[1]
+        terms, count = self.terms, self.order.shape[1]
         found = {TOTAL: 0.0}
-        if self._net.acts:
+        if self.net.acts:
             surrogate, entropy, divergence = (self._sums / count).tolist()
             found[TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
             found[POLICY_LOSS_KEY] = -surrogate
             found[ENTROPY_KEY] = entropy
             found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
-        if self._net.values:
+        if self.net.values:
             clipped, unclipped = (self._value_sums / count).tolist()
             found[TOTAL] += terms.value * clipped
             found[VF_LOSS_KEY] = clipped
             found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
-            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(
-                self._batch.targets[self._order[-1]], outputs[:, -1]
-            )
+            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(self.batch.targets[self.order[-1]], outputs[:, -1])
         return found
 
 
