@@ -47,14 +47,14 @@ def test_each_attempt_has_seeds_of_its_own(
         own.mkdir(parents=True)
         (own / "run.json").write_text(json.dumps({"digest": "", "configuration": {}, "attempts": [{}] * number}))
     given = number if single else 77
-    found = tune_run._config(run, settings, trial, folder, given, None)  # type: ignore[arg-type]
+    found = tune_run._config(run, settings, folder, given, None, trial)  # type: ignore[arg-type]
     assert found.seed == expected
     more = {"attempt": number, "maker": "x:y", "failure_file": str(tmp_path / "failure.json")}
     experiment = "whole" if single else ("of a trial", "whole", trial)
     assert told == [(experiment, "lr", more), (trial.rllib, "environments", "policies")]
     told.clear()
     start = Checkpoint(tmp_path / "c", 6, 6000, 12.5, "d")
-    tune_run._config(run, settings, trial, folder, given, start)  # type: ignore[arg-type]
+    tune_run._config(run, settings, folder, given, start, trial)  # type: ignore[arg-type]
     assert told[0][2] == {**more, "continue_from": {"path": str(tmp_path / "c"), "iteration": 6, "seconds": 12.5}}
 
 

@@ -153,7 +153,7 @@ def test_a_pickle_refers_to_the_monitor_of_the_training(tmp_path: Path, monkeypa
         start(None, config={})
         raise ValueError("by the way")
 
-    monkeypatch.setattr(tune_run, "copy_attempt", lambda folder, own: started.append(own.path.name))
+    monkeypatch.setattr(tune_run.run_folder, "copy_attempt", lambda folder, own: started.append(own.path.name))
     with pytest.raises(ValueError, match="by the way"), monitored(monitor):
         fly()
     assert started == ["kept", "trial_00012", "trial_9"]
@@ -315,7 +315,7 @@ def test_a_trial_is_written_before_it_trains(
 ) -> None:
     written: list[Any] = []
     monkeypatch.setattr(trials, "experiment_of", lambda *given: {"z": 1, "a": list(given[0])})
-    monkeypatch.setattr(trials, "learning_configuration", lambda *given: given)
+    monkeypatch.setattr(trials.run_folder, "learning_configuration", lambda *given: given)
     monkeypatch.setattr(trials.run_folder, "write_run_record", lambda own, **given: written.append((own.path, given)))
     run: Any = SimpleNamespace(text=text, experiment=("whole",))
     settings: Any = SimpleNamespace(policies="policies")

@@ -51,7 +51,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
             (folder / "run.json").write_text(json.dumps({"configuration": configuration}))
         return folder
 
-    monkeypatch.setattr(trials, "read_run_record", lambda run: json.loads(run.record.read_text()))
+    monkeypatch.setattr(trials.run_folder, "read_run_record", lambda run: json.loads(run.record.read_text()))
     return make
 
 
@@ -174,9 +174,14 @@ def test_a_mission_that_fails_raises_its_own_error(monkeypatch: pytest.MonkeyPat
     def fail(task: Any) -> Any:
         raise ray.exceptions.RayTaskError("fly", "trace", SafeInspectError("lost"))
 
-    monkeypatch.setattr(ray, "get", fail)
+    fake = FakeTasks()
+    for name, function in (("remote", fake.remote), ("put", lambda tree: tree), ("wait", fake.wait), ("get", fail)):
+        monkeypatch.setattr(ray, name, function)
+    monkeypatch.setattr(ray, "cancel", lambda task, force: fake.cancelled.append(task))
+    monkeypatch.setattr(cluster, "ray_cluster", lambda *_: contextlib.nullcontext())
     with pytest.raises(SafeInspectError, match=r"^lost$"):
-        cluster._result("task")
+        list(cluster.RayFlights("local", 2)({"a": 1}, "file", range(5)))
+    assert fake.cancelled == [1]  # the other mission
 
 
 def test_tune_searches_the_number_of_the_trial_alone() -> None:

@@ -364,17 +364,9 @@ class RayFlights:
                     while missing and len(flying) < self.workers:
                         flying.append(fly.remote(shared, source, missing.pop()))
                     done, flying = ray.wait(flying)
-                    yield _result(done[0])
+                    yield ray.get(done[0])
+            except ray.exceptions.RayTaskError as error:
+                raise error.cause from None  # omits the traceback of the worker
             finally:
                 for task in flying:
                     ray.cancel(task, force=True)
-
-
-def _result(task: Any) -> tuple[int, dict[str, Any]]:
-    import ray
-
-    try:
-        flown: tuple[int, dict[str, Any]] = ray.get(task)
-    except ray.exceptions.RayTaskError as error:
-        raise error.cause from None  # omits the traceback of the worker
-    return flown

@@ -209,8 +209,8 @@ class TrainingProgress:
                 f"steps {flat.get('num_env_steps_sampled_lifetime', 0):>10,.0f}",
                 f"{self._rate('num_env_steps_sampled_lifetime'):>7,.0f}/s",
                 f"return {_number(flat, 'episode_return_mean', '7.3f')}",
-                f"success {_percent(flat, 'success_rate')}",
-                *([f"inspected {_percent(flat, 'inspected_fraction')}"] if points else []),
+                f"success {_number(flat, 'success_rate', '3.0f', 100.0)} %",
+                *([f"inspected {_number(flat, 'inspected_fraction', '3.0f', 100.0)} %"] if points else []),
                 f"delta-v {_number(flat, 'delta_v', '6.2f')} m/s",
                 f"left {clock_text(self._left(flat))}",
             )
@@ -230,14 +230,9 @@ class TrainingProgress:
         return time_left(self._stop, flat, {key: self._rate(key) for key in self._TIMED})
 
 
-def _number(flat: Mapping[str, float], name: str, form: str) -> str:
+def _number(flat: Mapping[str, float], name: str, form: str, scale: float = 1.0) -> str:
     value = flat.get(f"env_runners/{name}", math.nan)
-    return f"{value:{form}}" if math.isfinite(value) else "-".rjust(int(form.partition(".")[0]))
-
-
-def _percent(flat: Mapping[str, float], name: str) -> str:
-    value = flat.get(f"env_runners/{name}", math.nan)
-    return f"{100 * value:3.0f} %" if math.isfinite(value) else "  - %"
+    return f"{scale * value:{form}}" if math.isfinite(value) else "-".rjust(int(form.partition(".")[0]))
 
 
 class TrainingLog:

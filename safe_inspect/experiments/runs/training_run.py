@@ -11,7 +11,7 @@ from safe_inspect import errors
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.experiments.modules.checkpoints import INFO, starting_weights
-from safe_inspect.experiments.settings.key_tables import TranslatedSettings, is_searched
+from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, policy_info, read_policies
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
@@ -73,8 +73,7 @@ class Settings:
     @property
     def single(self) -> bool:
         """Whether the run is not a search, that is, has one sample and no searched values."""
-        searched = any(is_searched(value) for value in self.rllib.settings.values())
-        return self.tune.settings["num_samples"] == 1 and not searched
+        return self.tune.settings["num_samples"] == 1 and not searches_of(self.rllib.settings)
 
     @property
     def suggested(self) -> bool:

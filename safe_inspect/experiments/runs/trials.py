@@ -17,30 +17,17 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
 from safe_inspect.experiments.modules import run_folder
 from safe_inspect.experiments.modules.checkpoints import find_newest
-from safe_inspect.experiments.modules.run_folder import (
-    RunFolder,
-    digest,
-    learning_configuration,
-    parameters_text,
-    read_parameters,
-    read_run_record,
-    trial_folders,
-    value_text,
-    without,
-    write_parameters,
-)
+from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text, trial_folders, value_text, without
 from safe_inspect.experiments.runs.progress import read_progress
+from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 from safe_inspect.experiments.settings.search import Trial, experiment_of
-
-if TYPE_CHECKING:
-    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 
 _DATE = re.compile(r"_\d{4}-\d{2}-\d{2}_\d{2}-\d{2}-\d{2}(_\d+)?$")
 _MOST_KEYS = 3  # largest number of keys in a label
@@ -83,11 +70,11 @@ def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: 
         f"# {trial.name} of a search: {parameters_text({**trial.values, 'seed': trial.seed})}",
         yaml.safe_dump(experiment, sort_keys=False, width=120),
     ]
-    learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
+    learning = run_folder.learning_configuration(experiment, trial.rllib.settings, settings.policies)
     try:
         # The folder exists if a run was killed before this suggested trial had started.
         own.path.mkdir(parents=True, exist_ok=True)
-        write_parameters(own.path, trial.values, trial.seed)
+        run_folder.write_parameters(own.path, trial.values, trial.seed)
     except OSError as error:
         raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
     run_folder.write_run_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
@@ -117,7 +104,7 @@ def _read(folder: Path) -> TrialResult:
     newest = find_newest(folder).newest
     return TrialResult(
         folder,
-        read_parameters(folder),
+        run_folder.read_parameters(folder),
         int(last.get("iteration", 0)),
         int(last.get("steps", 0)),
         last.get("return_mean", math.nan),
@@ -195,7 +182,7 @@ def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] 
         return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
     runs = [path for folder in folders for path in _progress_files(folder)]
     configurations = [_configuration(path) for path in runs]
-    keys = [digest(configuration) for configuration in configurations]
+    keys = [run_folder.digest(configuration) for configuration in configurations]
     found = _together(zip(keys, runs, strict=True))
     first = [keys.index(key) for key in found]
     if labels and len(labels) != len(found):
@@ -219,7 +206,7 @@ def _configuration(progress: Path) -> Mapping[str, Any]:
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
-    configuration: Mapping[str, Any] = without(read_run_record(run)["configuration"], {"seed"})
+    configuration: Mapping[str, Any] = without(run_folder.read_run_record(run)["configuration"], {"seed"})
     return configuration
 
 

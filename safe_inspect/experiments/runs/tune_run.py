@@ -12,11 +12,13 @@ import os
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from ray import tune
 from ray.exceptions import RayActorError
+from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
@@ -24,27 +26,16 @@ from safe_inspect.experiments.learning.algorithm import build_config, claimed_pr
 from safe_inspect.experiments.modules import run_folder
 from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
 from safe_inspect.experiments.modules.policy import check_frozen
-from safe_inspect.experiments.modules.run_folder import (
-    RunFolder,
-    copy_attempt,
-    parameters_text,
-    read_parameters,
-    read_run_record,
-)
+from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text
 from safe_inspect.experiments.runs import cluster, tune_objects
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingLog, TrainingProgress, flatten
+from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 from safe_inspect.experiments.runs.trials import write_trial
 from safe_inspect.experiments.runs.tune_objects import TRIAL_KEY
 from safe_inspect.experiments.sampling import environment
 from safe_inspect.experiments.settings.policies import check_layouts, environment_settings
 from safe_inspect.experiments.settings.search import Trial, experiment_of, searches_of, trial_folder_name, trial_of
 from safe_inspect.interrupts import Interrupted, handled
-
-if TYPE_CHECKING:
-    from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
-
-    from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
-
 
 _monitor: Monitor | None = None
 
@@ -91,8 +82,8 @@ class Monitor(tune.Callback, tune.Stopper):
             return
         name = _trial_name(trial)
         own = RunFolder(self.folder.trials / name)
-        copy_attempt(self.folder, own)
-        print(f"{name}  {parameters_text(read_parameters(own.path))}", file=self.stream, flush=True)
+        run_folder.copy_attempt(self.folder, own)
+        print(f"{name}  {parameters_text(run_folder.read_parameters(own.path))}", file=self.stream, flush=True)
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
         """Log and print an iteration of a trial."""
@@ -114,7 +105,7 @@ class Monitor(tune.Callback, tune.Stopper):
     def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
         """Seal a checkpoint that Tune has written."""
         flat, path = flatten(trial.last_result), Path(checkpoint.path)
-        digest = self.digest if self.single else str(read_run_record(RunFolder(path.parent))["digest"])
+        digest = self.digest if self.single else str(run_folder.read_run_record(RunFolder(path.parent))["digest"])
         iteration, steps = (int(flat.get(key, 0)) for key in ("training_iteration", "num_env_steps_sampled_lifetime"))
         seal_checkpoint(Checkpoint(path, iteration, steps, flat.get("time_total_s", 0.0), digest))
 
@@ -233,8 +224,7 @@ def run_tune(
         folder, run.command, str(start.path) if start else "", start.iteration if start else 0
     )
 
-    def made(trial: Trial) -> AlgorithmConfig:
-        return _config(run, settings, trial, folder, number, start)
+    made = partial(_config, run, settings, folder, number, start)
 
     def suggested(index: int, values: Mapping[str, Any]) -> dict[str, Any]:
         trial = trial_of(
@@ -274,7 +264,7 @@ def run_tune(
 
 
 def _config(
-    run: TrainingRun, settings: Settings, trial: Trial, folder: RunFolder, number: int, start: Checkpoint | None
+    run: TrainingRun, settings: Settings, folder: RunFolder, number: int, start: Checkpoint | None, trial: Trial
 ) -> AlgorithmConfig:
     experiment = run.experiment
     if not settings.single:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -70,13 +70,9 @@ def resolved_by_tune(value: Any) -> str:
     return next(filter(None, map(resolved_by_tune, value)), "")
 
 
-def _is_list(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str)
-
-
 def _searched(kind: Any, word: str, values: Any) -> dict[str, Any]:
     ranged = word in (UNIFORM, LOGUNIFORM, RANDINT)
-    if not _is_list(values) or not values or (ranged and len(values) != 2):
+    if not isinstance(values, list | tuple) or not values or (ranged and len(values) != 2):
         raise ValueError(f"`{word}` takes a list of {'two numbers' if ranged else 'values'}")
     found = [_checker(kind).validate_python(value) for value in values]
     if ranged:
