@@ -92,14 +92,15 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
         """Build the nets and set their initial weights."""
         super().setup()  # type: ignore[no-untyped-call]
         own: Any = self.model_config
+        chooses = isinstance(self.action_space, MultiDiscrete)
         with torch.no_grad():
             if own.get("orthogonal"):
                 self._draw_orthogonal()
-            if own.get("initial_choice") is not None:
+            if own.get("initial_choice") is not None and chooses:
                 self._prefer(int(own["initial_choice"]), float(own.get("initial_probability", 0.9)))
-            if own.get("initial_std") is not None and not isinstance(self.action_space, MultiDiscrete):
+            if own.get("initial_std") is not None and not chooses:
                 _last(self.pi).bias[self.log_deviations()] = math.log(float(own["initial_std"]))
-            if own.get(HURDLE) and not isinstance(self.action_space, MultiDiscrete):
+            if own.get(HURDLE) and not chooses:
                 burns = float(own.get("initial_burn_probability", 0.5))
                 _last(self.pi).bias[0] = math.log(burns / (1.0 - burns))
             if own.get("initial_weights"):
@@ -126,10 +127,9 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
         torch.nn.init.orthogonal_(_last(self.vf).weight, 1.0)
 
     def _prefer(self, choice: int, probability: float) -> None:
-        if not isinstance(self.action_space, MultiDiscrete):
-            return
+        space: Any = self.action_space
         bias, first = _last(self.pi).bias, 0
-        for size in self.action_space.nvec.tolist():
+        for size in space.nvec.tolist():
             if choice >= size:
                 raise ValueError(f"`initial_choice` ({choice}) is beyond the last of {size} choices, {size - 1}")
             others = max(size - 1, 1)
@@ -360,15 +360,14 @@ class TrainedPolicy:
         require_finite_rows(observation)
         seen = torch.from_numpy(np.ascontiguousarray(observation))
         with torch.no_grad(), _one_thread():
-            if not self.recurrent:
-                outputs = self.module.forward_inference({Columns.OBS: seen})
-                return np.asarray(outputs[Columns.ACTION_DIST_INPUTS].numpy())
-            if self._memory is None or self._rows != len(seen):
-                self._rows, self._memory = len(seen), _for_rows(self.module.get_initial_state(), len(seen))
-            batch = {Columns.OBS: seen[:, None], Columns.STATE_IN: self._memory}  # one step of time
+            batch = {Columns.OBS: seen}
+            if self.recurrent:
+                if self._memory is None or self._rows != len(seen):
+                    self._rows, self._memory = len(seen), _for_rows(self.module.get_initial_state(), len(seen))
+                batch = {Columns.OBS: seen[:, None], Columns.STATE_IN: self._memory}  # one step of time
             outputs = self.module.forward_inference(batch)
-            self._memory = outputs[Columns.STATE_OUT]
-        return np.asarray(outputs[Columns.ACTION_DIST_INPUTS][:, 0].numpy())
+            found, self._memory = outputs[Columns.ACTION_DIST_INPUTS], outputs.get(Columns.STATE_OUT)
+        return np.asarray((found[:, 0] if self.recurrent else found).numpy())
 
     def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
         """Return actions (R, A) for observations (R, O), with sampled choices and mean numbers."""

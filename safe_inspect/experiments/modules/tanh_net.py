@@ -260,13 +260,12 @@ class PolicyNet:
         """
         with torch.no_grad():
             batch = self._batch if self._remote is None else self._remote.copy_(self._batch)
-            found = self._ask(batch, explore) if self._plain is None else self._plain(batch)
+            if self._plain is not None:
+                found = self._plain(batch)
+            else:
+                ask = self._module.forward_exploration if explore else self._module.forward_inference
+                found = ask({Columns.OBS: batch})[Columns.ACTION_DIST_INPUTS]
         return np.asarray(found[: self._rows].cpu().numpy())
-
-    def _ask(self, batch: torch.Tensor, explore: bool) -> torch.Tensor:
-        ask = self._module.forward_exploration if explore else self._module.forward_inference
-        found: torch.Tensor = ask({Columns.OBS: batch})[Columns.ACTION_DIST_INPUTS]
-        return found
 
     def _plain_layers(self) -> Callable[[torch.Tensor], torch.Tensor] | None:
         """Return the policy's layers as a function; None if its outputs are not those of plain layers.
