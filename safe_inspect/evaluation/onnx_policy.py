@@ -71,6 +71,8 @@ class OnnxPolicy:
         )
         self._levels = [np.array(element.levels) for element in info.action]
         self._coasts = bool(info.action) and info.action[-1].unit == CONTROL_STEPS
+        # What a controller receives for each choice: a level, or the index of a duration.
+        self._choices = [*self._levels[:-1], np.arange(len(self._levels[-1]))] if self._coasts else self._levels
         self.distribution = self._distribution_of()
 
     def task(self, overrides: Iterable[str] = ()) -> EnvironmentSpec:
@@ -156,10 +158,9 @@ class OnnxPolicy:
         if drawn:
             return self._draw(inputs, rows, step)
         found = np.array(thrust, dtype=np.float64)
-        for column, levels in enumerate(self._levels):
+        for column, (levels, choices) in enumerate(zip(self._levels, self._choices, strict=True)):
             if len(levels):  # the exact levels of the task, which float32 may not represent
-                index = np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust[:, column])
-                found[:, column] = index if self._is_coast(column) else levels[index]
+                found[:, column] = choices[np.searchsorted((levels[1:] + levels[:-1]) / 2.0, thrust[:, column])]
         return found
 
     def in_task_units(self, observation: NDArray[np.float32]) -> FloatArray:
@@ -169,9 +170,9 @@ class OnnxPolicy:
         """
         values = self(self._readings(observation))
         actions = (values - self._offset) / self._gain
-        for column, levels in enumerate(self._levels):
-            if len(levels) and not self._is_coast(column):
-                actions[:, column] = np.abs(values[:, column, None] - levels).argmin(axis=1)
+        for column, choices in enumerate(self._choices):
+            if len(choices):
+                actions[:, column] = np.abs(values[:, column, None] - choices).argmin(axis=1)
         return actions
 
     def draw(self, observation: NDArray[np.float32], seed: int) -> FloatArray:
@@ -202,11 +203,7 @@ class OnnxPolicy:
         for name, width in self.info.state.items():
             held = self._state.get(name)
             given[name] = np.zeros((rows, width), np.float32) if held is None or len(held) != rows else held
-        if missing:
-            given = {
-                name: np.concatenate((value, np.zeros((missing, value.shape[1]), np.float32)))
-                for name, value in given.items()
-            }
+        given = {name: np.pad(value, ((0, missing), (0, 0))) for name, value in given.items()}
         thrust, inputs, *state = (value[:rows] for value in self._session.run(self._outputs, given))
         self._state = dict(zip(self.info.state, state, strict=True))
         return thrust, inputs
@@ -231,10 +228,6 @@ class OnnxPolicy:
             if len(levels):
                 values[:, column] = levels[action[:, column].astype(np.int64)]
         return values
-
-    def _is_coast(self, column: int) -> bool:
-        """Return whether an element of the action is the index of a duration."""
-        return self._coasts and column == len(self._levels) - 1
 
     def _distribution_of(self) -> Gaussian | Categorical | Hurdle:
         width = len(self._levels)

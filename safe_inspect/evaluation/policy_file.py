@@ -294,20 +294,11 @@ class PolicyInfo:
 
     def metadata(self) -> dict[str, str]:
         """Return the metadata as texts."""
-        told = {
-            "safe_inspect": self.version,
-            "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT),
-            "task": self.task,
-            "policy": self.policy,
-            "agents": json.dumps(self.agents),
-            "observation": json.dumps([asdict(element) for element in self.observation]),
-            "action": json.dumps([asdict(element) for element in self.action]),
-            "distribution": self.distribution,
-            "step_size": repr(float(self.step_size)),
-            "training": json.dumps(self.training),
-            "configuration": json.dumps(self.configuration),
-        }
-        return {**told, "state": json.dumps(self.state)} if self.state else told
+        told = {"safe_inspect": self.version, "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT)}
+        for name in _ENTRIES if self.state else _ENTRIES[:-1]:
+            value = getattr(self, name)
+            told[name] = value if name in _TEXTS else json.dumps(value, default=asdict)
+        return told
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:
@@ -317,14 +308,17 @@ class PolicyInfo:
             KeyError: An entry is missing.
             ValueError: An entry has a wrong type or value.
         """
-        content: dict[str, Any] = {name: metadata[name] for name in ("task", "policy", "distribution")}
-        content |= {name: json.loads(metadata[name]) for name in _JSON}
-        content |= {"version": metadata["safe_inspect"], "state": json.loads(metadata.get("state", "{}"))}
-        return _INFO.validate_python(content)
+        texts = {"state": "{}", **metadata}
+        content = {name: texts[name] if name in _TEXTS else json.loads(texts[name]) for name in _ENTRIES}
+        return _INFO.validate_python({**content, "version": metadata["safe_inspect"]})
 
 
-#: Entries of the metadata whose text is JSON.
-_JSON = ("agents", "observation", "action", "step_size", "training", "configuration")
+#: Entries of the metadata, in the order of the file, and those whose text is not JSON.
+_TEXTS = ("task", "policy", "distribution")
+_ENTRIES = (
+    "task", "policy", "agents", "observation", "action", "distribution", "step_size", "training", "configuration",
+    "state",
+)  # fmt: skip
 _INFO = TypeAdapter(PolicyInfo)
 
 
