@@ -9,8 +9,13 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes, Trajectory
-from safe_inspect.evaluation.results.files import TRAJECTORIES, read_evaluation, read_trajectories, write_evaluation
-from safe_inspect.evaluation.results.packing import save_packed
+from safe_inspect.evaluation.results.files import (
+    TRAJECTORIES,
+    read_evaluation,
+    read_trajectories,
+    save_packed,
+    write_evaluation,
+)
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson

@@ -8,7 +8,7 @@ from safe_inspect.dones import DoneStatus
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ArgumentError
 from safe_inspect.evaluation import Flight, rollout
-from safe_inspect.evaluation.results.packing import save_packed
+from safe_inspect.evaluation.results.files import save_packed
 from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.policies import NaturalMotionInspector, RandomThrust, ZeroThrust
 

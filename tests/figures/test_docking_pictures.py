@@ -12,8 +12,7 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
-from safe_inspect.evaluation.results.files import read_trajectories
-from safe_inspect.evaluation.results.packing import save_packed
+from safe_inspect.evaluation.results.files import read_trajectories, save_packed
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.figures.film import Film, moment
 from safe_inspect.figures.page import episode_page

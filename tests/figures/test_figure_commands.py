@@ -53,7 +53,7 @@ def test_a_damaged_recording_is_not_drawn(tmp_path, capsys):
 
 def test_a_recorded_episode_is_drawn_as_it_was_flown(spec, tmp_path, capsys):
     from safe_inspect.evaluation import rollout
-    from safe_inspect.evaluation.results.packing import save_packed
+    from safe_inspect.evaluation.results.files import save_packed
     from safe_inspect.policies import RandomThrust
 
     file = tmp_path / "trajectories.npz"

@@ -15,8 +15,7 @@ from safe_inspect.dynamics.base import advance_kernel
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment, load_spec
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.results.files import read_trajectories
-from safe_inspect.evaluation.results.packing import save_packed
+from safe_inspect.evaluation.results.files import read_trajectories, save_packed
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.policies import RandomThrust, ScriptedPolicy, SixDofInspector, ZeroThrust
 
