@@ -15,7 +15,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, GREY, PALE
+from safe_inspect.geometry.picture import BLACK, BLUE, DEPUTY_COLOURS, GREEN, GREY, PALE, VERMILION
 from safe_inspect.outputs import new_file
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.types import FloatArray
@@ -27,6 +27,8 @@ else:
 
 #: File name endings that `save` supports.
 FIGURE_ENDINGS = (".png", ".pdf", ".svg")
+#: Colours of quantities along x, y and z.
+AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 #: Colour map that is perceptually uniform and readable in grey and for colour-blind people.
 SEQUENTIAL = "viridis"
 
@@ -166,11 +168,3 @@ def speed_limit_of(episode: Trajectory) -> FloatArray | None:
         return episode.arrays["speed_limit"]
     limit = ConstraintParameters(n=episode.mean_motion)
     return np.asarray(limit.v0 + limit.v1 * (episode.range - limit.speed_distance))
-
-
-def above_limit(speed: FloatArray, limit: FloatArray) -> FloatArray:
-    """Return the speeds above their limit and the speed after each of these, NaN elsewhere, shape (T + 1, D)."""
-    above = speed > limit
-    shown = above.copy()
-    shown[1:] |= above[:-1]
-    return np.where(shown, speed, np.nan)

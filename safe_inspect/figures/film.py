@@ -278,7 +278,7 @@ class Film(Pictures):
             hidden = front.hidden(way, radius)
             flat = front.flat(way)
             for line, which in ((line_behind, hidden), (line_front, ~hidden)):
-                line.set_data(*picture.pieces(flat, which).T)
+                line.set_data(*picture.pieces(flat, which[:, None]).T)
             dot.set_data(*flat[-1:].T)
             dot.set_zorder(2.6 if hidden[-1] else 5)
         self._side.show(now, front)

@@ -17,13 +17,11 @@ import numpy as np
 
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.episodes import Trajectory
-from safe_inspect.figures.drawing import above_limit, clock, deputy_line, ending, radius_of, reach_of, speed_limit_of
+from safe_inspect.figures.drawing import AXIS_COLOURS, clock, deputy_line, ending, radius_of, reach_of, speed_limit_of
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
-from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION, VIEW
+from safe_inspect.geometry.picture import BLACK, GREY, VIEW, pieces
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
-
-_AXES = (("x", VERMILION), ("y", BLUE), ("z", GREEN))
 
 
 def episode_page(episode: Trajectory, title: str = "Inspection of a chief") -> str:
@@ -131,7 +129,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
         if several
         else [
             {"colour": colour, "step": True, "width": 1.1, "values": rounded(_held(episode.thrust[:, 0, axis]), 4)}
-            for axis, (_, colour) in enumerate(_AXES)
+            for axis, colour in enumerate(AXIS_COLOURS)
         ]
     )
     near = episode.range <= reach_of(episode)
@@ -141,7 +139,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
         fast, label = max(fast, float(limit[near].max())), "speed; dashed: the largest safe one"
         limits = all_of(limit, 4, width=1.0, dashes=[5, 3])
         speeds += limits if several else [{**line, "colour": GREY} for line in limits]
-        above = above_limit(episode.speed, limit)
+        above = pieces(episode.speed, episode.speed > limit)
         if np.isfinite(above).any():
             label += "; black: above it"
             speeds += [{**line, "colour": BLACK, "dashes": []} for line in all_of(above, 4, width=2.6)]

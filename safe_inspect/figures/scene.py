@@ -91,7 +91,7 @@ def _draw_line(axes: Any, way: FloatArray, radius: float, label: str | None = No
     hidden = FRONT.hidden(way, radius)
     for order, which in ((1, hidden), (3, ~hidden)):
         place = order - (kwargs["color"] == PALE)
-        axes.plot(*pieces(way, which).T, zorder=place, label=label if order == 3 else None, **kwargs)
+        axes.plot(*pieces(way, which[:, None]).T, zorder=place, label=label if order == 3 else None, **kwargs)
 
 
 def largest_burns(episode: Trajectory, deputy: int) -> np.ndarray[Any, np.dtype[np.int64]]:

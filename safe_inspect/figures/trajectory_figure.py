@@ -8,9 +8,9 @@ import numpy as np
 
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.figures.drawing import (
+    AXIS_COLOURS,
     SEQUENTIAL,
     Figure,
-    above_limit,
     clock,
     deputy_line,
     ending,
@@ -21,23 +21,11 @@ from safe_inspect.figures.drawing import (
     time_norm,
 )
 from safe_inspect.figures.scene import draw_scene
-from safe_inspect.geometry.picture import (
-    BLACK,
-    BLUE,
-    DEPUTY_COLOURS,
-    FRONT,
-    GREEN,
-    GREY,
-    PALE,
-    VERMILION,
-    Camera,
-    circle,
-)
+from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, FRONT, GREY, PALE, VERMILION, Camera, circle, pieces
 from safe_inspect.types import BoolArray, FloatArray
 
 _RIGHT = 0.985
 _FEW = 20  # number of burns up to which they are drawn as pins
-_AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 _LEFT, _WIDTH = 0.625, 0.36
 _PLACES = ((0.79, 0.15), (0.605, 0.15), (0.42, 0.15), (0.305, 0.08), (0.195, 0.08), (0.085, 0.08))
 
@@ -160,7 +148,7 @@ def _draw_times(figure: Figure, episode: Trajectory) -> None:
     reach = 1.2 * float(np.abs(episode.thrust).max(initial=0.0)) or 1.0
     for axis, axes in enumerate(panels[3:]):
         for index in range(len(episode.deputies)):
-            line = deputy_line(index) if several else {"color": _AXIS_COLOURS[axis]}
+            line = deputy_line(index) if several else {"color": AXIS_COLOURS[axis]}
             _draw_thrust(axes, time, episode.thrust[:, index, axis], **line)
         axes.set(ylim=(-reach, reach), ylabel=f"{'xyz'[axis]}")
         axes.locator_params(axis="y", nbins=3)
@@ -218,7 +206,7 @@ def _draw_speed(axes: Any, episode: Trajectory, time: FloatArray) -> None:
     near = episode.range <= reach_of(episode)
     top = float(episode.speed[near].max())
     if limit is not None:
-        above = above_limit(episode.speed, limit)
+        above = pieces(episode.speed, episode.speed > limit)
         if np.isfinite(above).any():
             axes.plot(time, above, color=BLACK, linewidth=2.4)
             axes.plot([], [], color=BLACK, linewidth=2.4, label="above it")

@@ -109,8 +109,8 @@ def pieces(way: FloatArray, shown: BoolArray) -> FloatArray:
 
     Args:
         way: Points of the line, shape (K, n).
-        shown: Mask of the points that are shown, shape (K,).
+        shown: Mask of the points that are shown, shape (K, 1), or of the elements, shape (K, n).
     """
     joined = shown.copy()
     joined[1:] |= shown[:-1]
-    return np.where(joined[:, None], way, np.nan)
+    return np.where(joined, way, np.nan)

@@ -74,7 +74,7 @@ def test_an_arrow_ends_at_the_radius_with_barbs_to_both_sides() -> None:
 
 def test_shown_pieces_continue_to_the_next_point() -> None:
     way, shown = np.arange(12.0).reshape(6, 2), np.array([True, False, False, True, True, False])
-    found = pieces(way, shown)
+    found = pieces(way, shown[:, None])
     assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False, False]
     np.testing.assert_array_equal(found[[0, 1, 3, 4, 5]], way[[0, 1, 3, 4, 5]])
     assert shown.tolist() == [True, False, False, True, True, False]

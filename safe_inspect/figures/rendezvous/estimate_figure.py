@@ -35,11 +35,15 @@ def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
         polhode: Any = figure.add_axes((0.03, 0.02, 0.46, 0.42))
         times = np.linspace(log.times[0], log.times[-1], 400)
         fitted = np.rad2deg(estimate.target.predict(times)[1])
+        middles, rates = measured_rates(estimate)
+        measured = np.rad2deg(rates)
         draw_polhode(polhode, fitted, estimate.target.inertia)
-        _, rates = measured_rates(estimate)
-        flat = POLHODE_VIEW.flat(np.rad2deg(rates))
-        polhode.plot(*flat.T, ".", markersize=2.5, color=BLACK, zorder=6)
-        _draw_rates(figure.add_axes((0.58, 0.57, 0.4, 0.36)), log, estimate)
+        polhode.plot(*POLHODE_VIEW.flat(measured).T, ".", markersize=2.5, color=BLACK, zorder=6)
+        axes: Any = figure.add_axes((0.58, 0.57, 0.4, 0.36))
+        for axis, colour in enumerate(_AXIS_COLOURS):
+            axes.plot(middles, measured[:, axis], ".", markersize=3, color=colour)
+            axes.plot(times, fitted[:, axis], color=colour, label=f"axis {axis + 1}")
+        _explain_rates(axes, log, estimate)
         _draw_attitude(figure.add_axes((0.58, 0.09, 0.4, 0.36)), log, estimate)
     return figure
 
@@ -104,13 +108,8 @@ def _project(log: SensorLog, points: FloatArray) -> FloatArray:
     return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
 
 
-def _draw_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
-    times, rates = measured_rates(estimate)
-    dense = np.linspace(log.times[0], log.times[-1], 400)
-    fitted = np.rad2deg(estimate.target.predict(dense)[1])
-    for axis, colour in enumerate(_AXIS_COLOURS):
-        axes.plot(times, np.rad2deg(rates[:, axis]), ".", markersize=3, color=colour)
-        axes.plot(dense, fitted[:, axis], color=colour, label=f"axis {axis + 1}")
+def _explain_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
+    """Add the true rates, if the log has them, and the texts of the panel."""
     if log.truth is not None and estimate.target.aligned:
         rates = np.rad2deg(log.truth[:, TRUTH_PARTS["rate"]])
         axes.plot(log.times, rates, color=BLACK, linewidth=0.8, linestyle="--")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
-from safe_inspect.figures.drawing import Figure, new_figure
+from safe_inspect.figures.drawing import AXIS_COLOURS, Figure, new_figure
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
     FLIGHT,
@@ -19,14 +19,13 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     draw_polhode,
     show_extent,
 )
-from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, PALE, VERMILION, Camera
+from safe_inspect.geometry.picture import BLACK, GREY, PALE, Camera
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.planner.query import Plan
 from safe_inspect.types import AnyArray, FloatArray
 
-AXIS_COLOURS = (VERMILION, BLUE, GREEN)
 #: Duration that is shown before the approach [s].
 LEAD = 5.0
 #: Ratio of the largest to the least distance above which the axis is logarithmic.

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.figures.drawing import AXIS_COLOURS
 from safe_inspect.figures.page import chart, page_of, rounded
-from safe_inspect.figures.rendezvous.mission_figure import AXIS_COLOURS, outcome_of, tracking_error
+from safe_inspect.figures.rendezvous.mission_figure import outcome_of, tracking_error
 from safe_inspect.figures.rendezvous.mission_scene import (
     CAMERA,
     FLIGHT,
