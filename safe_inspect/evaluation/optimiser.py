@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -20,7 +19,7 @@ from safe_inspect.geometry.visibility import sight_range
 from safe_inspect.planning.burn_problem import BurnProblem, burn_steps
 from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
 from safe_inspect.planning.plan_refinement import refine_plan
-from safe_inspect.planning.record import Burn, Entry, FlightPlan
+from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
 from safe_inspect.rta.base import SafetyGlue
@@ -225,13 +224,3 @@ def _search(
         if cost == 0.0:
             break
     return best, None if best is None else cost
-
-
-def flight_plan(thrust: FloatArray) -> FlightPlan:
-    """Return a plan with the thrust of every step [N], shape (T, 3); steps with the same thrust are one burn."""
-    changes = np.flatnonzero(np.diff(thrust, axis=0, prepend=0.0, append=0.0).any(axis=1)).tolist()
-    return tuple(
-        Burn(step=begin, steps=end - begin, thrust=tuple(thrust[begin].tolist()))
-        for begin, end in pairwise(changes)
-        if thrust[begin].any()
-    )

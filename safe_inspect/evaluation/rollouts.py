@@ -22,7 +22,7 @@ from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.evaluation.measuring import MetricAccumulator, check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
 from safe_inspect.metrics.base import BaseMetric
-from safe_inspect.planning.record import Entry
+from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.tasks.docking.speed_limit import DockingRegion
 from safe_inspect.types import AnyArray, FloatArray, IntArray
@@ -180,6 +180,7 @@ def fly_slots(
     environment = TeamEnvironment(with_scripted(spec, policy), episodes, seed=seed, first_slot=first_slot)
     collector, trajectories = _fly_batch(environment, {}, (), first_slot, episodes)
     found = collector.episodes(seed)
+    deputies = range(environment.simulation.world.num_deputies)
     entries = [
         Entry(
             key=int(environment.state.key[row]),
@@ -187,19 +188,11 @@ def fly_slots(
             delta_v=float(found.delta_v[row]),
             steps=int(found.length[row]),
             inspected=int(found.inspected_count[row]),
-            burns=_count_burns(trajectory),
+            burns=float(np.mean([len(flight_plan(trajectory.control[:, k, :3])) for k in deputies])),
         )
         for row, trajectory in enumerate(trajectories)
     ]
     return entries, trajectories
-
-
-def _count_burns(trajectory: Trajectory) -> float:
-    """Return the number of burns, mean over the deputies; a burn is a run of steps with constant, nonzero thrust."""
-    control = trajectory.control[..., :3]
-    before = np.concatenate((np.zeros_like(control[:1]), control[:-1]))
-    begins = (control != before).any(axis=-1) & control.any(axis=-1)
-    return float(begins.sum() / control.shape[1])
 
 
 class EpisodeCollector:

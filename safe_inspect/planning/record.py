@@ -6,13 +6,16 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.outputs import new_file
+from safe_inspect.types import FloatArray
 
 _FORMAT = 1
 #: Fields of an entry that are columns of the file as they are.
@@ -38,6 +41,16 @@ class Burn(BaseModel):
 FlightPlan = tuple[Burn, ...]
 
 _PLAN: TypeAdapter[FlightPlan] = TypeAdapter(FlightPlan)
+
+
+def flight_plan(thrust: FloatArray) -> FlightPlan:
+    """Return a plan with the thrust of every step [N], shape (T, 3); steps with the same thrust are one burn."""
+    changes = np.flatnonzero(np.diff(thrust, axis=0, prepend=0.0, append=0.0).any(axis=1)).tolist()
+    return tuple(
+        Burn(step=begin, steps=end - begin, thrust=tuple(thrust[begin].tolist()))
+        for begin, end in pairwise(changes)
+        if thrust[begin].any()
+    )
 
 
 @dataclass(frozen=True)
