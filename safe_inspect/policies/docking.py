@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.dynamics.cwh import transition
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits, dot_rows, shortened
+from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.view import View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
@@ -36,10 +37,10 @@ class DockingAutopilot(SpeedLimit, ScriptedPolicy):
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the thrust [N], shape (R, 3)."""
         phi, gamma = transition(view.world.mean_motion, 1.0, view.world.step_size)
-        state = [*view.position.T, *view.velocity.T]
-        coasted = [sum(phi[i, j] * state[j] for j in range(6)) for i in range(6)]
-        position, velocity = np.stack(coasted[:3], axis=-1), np.stack(coasted[3:], axis=-1)
-        distance = np.sqrt(position[:, 0] ** 2 + position[:, 1] ** 2 + position[:, 2] ** 2)
+        position, velocity = np.empty_like(view.position), np.empty_like(view.velocity)
+        coasting = np.zeros_like(position)
+        propagate(for_kernel(view.position), for_kernel(view.velocity), coasting, phi, gamma, position, velocity)
+        distance = lengths(position)
         threshold, near, slope, _ = self.limit_line(view.world)
         speed = self.share * (threshold + slope * np.maximum(distance - near, 0.0))
         wanted = -position * (speed / np.maximum(distance, 1e-9))[:, None]

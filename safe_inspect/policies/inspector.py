@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -239,20 +239,17 @@ class SixDofInspector(ScriptedPolicy):
 
     def needed(self) -> tuple[str, ...]:
         """Return the needs of this policy and of the other policy."""
-        translation: Any = self.translation
-        return (*self.needs, *translation.needed())
+        return (*self.needs, *self.translation.needed())
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the memory of the other policy."""
-        translation: Any = self.translation
-        remembered: Mapping[str, ArraySpec] = translation.memory(world)
+        remembered: Mapping[str, ArraySpec] = self.translation.memory(world)
         return remembered
 
     def __call__(self, view: View, limits: ThrustLimits) -> FloatArray:
         """Return the control along body axes [N, N m], shape (R, 6)."""
-        translation: Any = self.translation
         thrust_limits = ThrustLimits(limits.low[:3], limits.high[:3])
-        thrust = translation(view, thrust_limits)
+        thrust = self.translation(view, thrust_limits)
         vehicle, step = view.world.turning_body, view.world.step_size
         q, w = view.per_agent(view.state["orientation"]), view.per_agent(view.state["angular_velocity"])
         frame = rotate_back(q, np.tile([0.0, 0.0, vehicle.frame_rate], (view.num_rows, 1)))
