@@ -10,6 +10,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.team import TeamStep, TeamView
@@ -145,8 +146,7 @@ def _sense(slots: AnyArray, agents: AnyArray) -> FloatArray:
 
 
 def _outwards(position: FloatArray) -> FloatArray:
-    x, y, z = position[..., 0], position[..., 1], position[..., 2]
-    return np.asarray(position / np.sqrt(x * x + y * y + z * z)[..., None])
+    return np.asarray(position / lengths(position)[..., None])
 
 
 def _shove(state: State, slots: AnyArray, rows: AnyArray) -> None:

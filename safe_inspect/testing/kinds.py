@@ -34,7 +34,6 @@ from safe_inspect.testing.constraints import check_constraint
 from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import ROWS, sample_spec, sample_states, sample_team_steps
-from safe_inspect.types import AnyArray
 
 
 def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
@@ -59,7 +58,7 @@ def check_done(plugin: DoneFunction | SharedDoneFunction, parts: SampleParts, re
     for step in each_world(plugin, parts, report):
         check_call(Call("the done function", plugin, {"step": step}, Shape((), "b")), report)
         _check_row_kernel(plugin, step, report)
-        _check_memory(plugin, plugin, step, "done function", parts, report)
+        _check_memory(plugin, step, "done function", parts, report)
 
 
 def _check_row_kernel(plugin: RowPlugin, seen: View | Step, report: Report) -> None:
@@ -104,22 +103,15 @@ def _check_sensor(plugin: Sensor, parts: SampleParts, report: Report) -> None:
             low, high = plugin.limits
             check_bounds(reading, np.full(size, low), np.full(size, high), "the reading", "the sensor", report)
         _check_row_kernel(plugin, step.after, report)
-        _check_memory(plugin, lambda one: plugin(one.after), step, "sensor", parts, report)
+        _check_memory(plugin, step, "sensor", parts, report)
 
 
-def _check_memory(
-    plugin: DoneFunction | Sensor,
-    call: Callable[[Step], AnyArray],
-    step: Step,
-    what: str,
-    parts: SampleParts,
-    report: Report,
-) -> None:
+def _check_memory(plugin: DoneFunction | Sensor, step: Step, what: str, parts: SampleParts, report: Report) -> None:
     """Check that a plugin's memory of an environment, if it has one, does not depend on the other environments."""
     if plugin.memory(step.after.world):
         check_alone(
             sample_spec(plugin, parts=parts, deputies=step.after.group.size),
-            lambda flown: {"": call(flown.step)},
+            lambda flown: {"": plugin(flown.step.after) if isinstance(plugin, Sensor) else plugin(flown.step)},
             f"the {what} gives another value alone than in a batch",
             "let `remember` compute each row from itself, and draw from `view.state.key` alone",
             report,

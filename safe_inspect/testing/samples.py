@@ -245,24 +245,25 @@ def _sample(
 def _gather(flown: Sequence[Flown], chosen: AnyArray, seed: int) -> tuple[Step, AnyArray]:
     """Return the chosen environments, numbered consecutively over all steps, as one step and its statuses."""
     model = flown[0].step
-    size, agents, rows = len(flown[0].over), model.after.group.size, len(chosen)
-    before, after = (State(rows, model.after.state.specs) for _ in range(2))
-    action, control = (np.zeros((rows, agents, array.shape[1])) for array in (model.action, model.control))
-    status = np.zeros((rows, flown[0].status.shape[1]), dtype=np.int8)
-    for number in np.unique(chosen // size):
-        one, here = flown[number], np.flatnonzero(chosen // size == number)
-        there = chosen[here] % size
-        before.put(here, one.step.before.state.take(there))
-        after.put(here, one.step.after.state.take(there))
-        action[here] = one.step.action.reshape(size, agents, -1)[there]
-        control[here] = one.step.control.reshape(size, agents, -1)[there]
-        status[here] = one.status[there]
+    agents = model.after.group.size
+    own = (chosen[:, None] * agents + np.arange(agents)).reshape(-1)
+    action, control = (
+        np.concatenate([getattr(one.step, name) for one in flown])[own] for name in ("action", "control")
+    )
     generator = np.random.default_rng((seed, 1))
-    flat = control.reshape(rows * agents, -1)
-    intervening = generator.random(rows * agents) < 0.25
-    desired = flat + np.where(intervening, generator.uniform(-0.5, 0.5, rows * agents), 0.0)[:, None]
-    first, last = (View(state, model.after.world, model.after.group) for state in (before, after))
-    return Step(first, last, action.reshape(rows * agents, -1), flat, desired, intervening, model.dt), status
+    intervening = generator.random(len(own)) < 0.25
+    desired = control + np.where(intervening, generator.uniform(-0.5, 0.5, len(own)), 0.0)[:, None]
+    before, after = (_joined([getattr(one.step, side) for one in flown], chosen) for side in ("before", "after"))
+    status = np.concatenate([one.status for one in flown])[chosen]
+    return Step(before, after, action, control, desired, intervening, model.dt), status
+
+
+def _joined(views: Sequence[View], chosen: AnyArray) -> View:
+    """Return the chosen environments, numbered consecutively over all views, as one view."""
+    state = State(len(chosen), views[0].state.specs)
+    for name, array in state.arrays.items():
+        array[...] = np.concatenate([view.state[name] for view in views])[chosen]
+    return View(state, views[0].world, views[0].group)
 
 
 def _near(view: View) -> BoolArray:
