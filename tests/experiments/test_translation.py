@@ -247,6 +247,12 @@ def test_old_tune_settings():
             "tune_config.stop.training_iteration",
             "expected a number of 1 or more, got -5",
         ),
+        ({"stop": {"training_iteration": None}}, "tune_config.stop.training_iteration", "expected a number"),
+        (
+            {"stop": {"training_iteration": {"grid_search": [1, 2]}}},
+            "tune_config.stop.training_iteration",
+            "`grid_search` is only supported",
+        ),
         ({"stop": {"timesteps_total": 0}}, "tune_config.stop.timesteps_total", "expected a number of 1 or more, got 0"),
     ],
 )

@@ -129,6 +129,7 @@ class KeyTables:
         spellings: Alternative spellings with the usual ones.
         unchecked: Names of further keys, whose values can only be checked once Ray is loaded.
         searchable: Whether values may be searched.
+        defaults: Whether a null stands for the default of a key; otherwise it is a mistake.
         unknown: Message about a key that is in no table, with `{}` for its name.
     """
 
@@ -140,6 +141,7 @@ class KeyTables:
     spellings: Mapping[str, str] = field(default_factory=dict)
     unchecked: Collection[str] = ()
     searchable: bool = False
+    defaults: bool = True
     unknown: str = "there is no key `{}`"
 
 
@@ -182,7 +184,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             problems.append(Problem(f"`{given}` and `{source[name]}` are the same key, given twice", where))
             continue
         source[name] = str(given)
-        if value is None and "null" not in _json_types(tables.known[target]):
+        if tables.defaults and value is None and "null" not in _json_types(tables.known[target]):
             notes.append(f"`{given}` is null, so its default is used")
             continue
         if "." in name:

@@ -38,6 +38,7 @@ _STOP = KeyTables(
     {},
     {},
     spellings={name: new for name, new in run_keys.STOP_RENAMED.items() if "/" in name or name in new},
+    defaults=False,
     unknown="training cannot stop on `{}`, which is never reported",
 )
 _RAY = KeyTables(run_keys.RAY_KEYS, run_keys.RAY_RENAMED, run_keys.RAY_DROPPED, {})
