@@ -21,7 +21,7 @@ from safe_inspect.rta.backup.half_spaces import further_closed_motion
 from safe_inspect.rta.backup.holds import turned
 from safe_inspect.rta.backup.model import FINE_NODES, FINEST, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.backup.sequences import SAFE, broken_at_closed, too_fast, uncertain_closed
-from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, ClosedNode, Margins, SunAngle, sun_axes
+from safe_inspect.rta.constraints.rows import INLINED, ClosedCell, Margins, Node, SunAngle, sun_axes
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.types import FloatArray, IntArray
 
@@ -32,14 +32,14 @@ _EIGHTH = 0.5 * (math.pi / FINEST) ** 2
 _MOST_MISSED = 7.5e-4
 #: Margin of a plan [m], if there is no tube about it.
 _WHOLE = 1e-3
-#: Columns of a node: angle in finest cells, position, cosine and sine of the sun angle, and the rest of a `ClosedNode`.
+#: Columns of a node: angle in finest cells, position, cosine and sine of the sun angle, and the rest of a `Node`.
 _COLUMNS = 10
 #: Shape of the stack of nodes used by `closed_motion`.
 NODE_STACK = (ORBIT_CELLS + 2 + round(math.log2(FINEST // ORBIT_CELLS)), _COLUMNS)
 
 
 @njit(**INLINED)
-def _node(n: float, x: RowState, sun: SunAngle, cos: float, sin: float) -> ClosedNode:
+def _node(n: float, x: RowState, sun: SunAngle, cos: float, sin: float) -> Node:
     """Return the node at the angle with the given cosine and sine."""
     u, w = x[3] / n, x[5] / n
     px, pz = cos * x[0] + sin * u, cos * x[2] + sin * w
@@ -47,22 +47,22 @@ def _node(n: float, x: RowState, sun: SunAngle, cos: float, sin: float) -> Close
     vx, vz = cos * u - sin * x[0], cos * w - sin * x[2]
     later = turned(sun, cos, sin)
     along, across = sun_axes(later, px, py)
-    return ClosedNode(
+    return Node(
         (px, py, pz), later, math.sqrt(px * px + py * py + pz * pz),
         n * math.sqrt(vx * vx + 4.0 * px * px + vz * vz), along, across,
     )  # fmt: skip
 
 
 @njit(**INLINED)
-def _store(work: FloatArray, i: int, at: ClosedNode) -> None:
+def _store(work: FloatArray, i: int, at: Node) -> None:
     work[i, 1], work[i, 2], work[i, 3] = at.state
     work[i, 4], work[i, 5] = at.sun
     work[i, 6], work[i, 7], work[i, 8], work[i, 9] = at.range, at.speed, at.along, at.across
 
 
 @njit(**INLINED)
-def _stored(work: FloatArray, i: int) -> ClosedNode:
-    return ClosedNode(
+def _stored(work: FloatArray, i: int) -> Node:
+    return Node(
         (work[i, 1], work[i, 2], work[i, 3]), (work[i, 4], work[i, 5]), work[i, 6], work[i, 7], work[i, 8], work[i, 9]
     )  # fmt: skip
 
@@ -74,7 +74,7 @@ def _copy(work: FloatArray, source: int, target: int) -> None:
 
 
 @njit(**INLINED)
-def _cell(n: float, a: ClosedNode, b: ClosedNode, centre: float, rho: float, span: float) -> ClosedCell:
+def _cell(n: float, a: Node, b: Node, centre: float, rho: float, span: float) -> ClosedCell:
     """Return the cell of the given angle between two nodes, with the bounds that they give."""
     k = 0.125 * span * span
     p, q = a.state, b.state

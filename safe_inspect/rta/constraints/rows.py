@@ -46,7 +46,7 @@ class Node(NamedTuple):
     """State and the quantities that constraints compute from it.
 
     Attributes:
-        state: Position [m] and velocity [m/s], Hill frame.
+        state: Position [m] and velocity [m/s], Hill frame; on a closed motion, the position alone.
         sun: Cosine and sine of the sun angle.
         range: Distance from the origin [m].
         speed: Length of the velocity [m/s].
@@ -54,7 +54,7 @@ class Node(NamedTuple):
         across: Position across that axis, in the orbital plane [m].
     """
 
-    state: RowState
+    state: Any
     sun: SunAngle
     range: float
     speed: float
@@ -98,17 +98,6 @@ class ArcCell(NamedTuple):
     dip: float
 
 
-class ClosedNode(NamedTuple):
-    """Point of a closed natural motion; the attributes are those of `Node`, but the state is the position alone."""
-
-    state: Triple
-    sun: SunAngle
-    range: float
-    speed: float
-    along: float
-    across: float
-
-
 class ClosedCell(NamedTuple):
     """Cell of a closed natural motion; attributes that `ArcCell` also has are described there.
 
@@ -118,8 +107,8 @@ class ClosedCell(NamedTuple):
         rho: Bound on all derivatives of the position with respect to the angle [m].
     """
 
-    a: ClosedNode
-    b: ClosedNode
+    a: Node
+    b: Node
     k: float
     centre: float
     rho: float
@@ -142,7 +131,7 @@ class RowKernels:
     Attributes:
         broken: (p, node, margins): is the constraint violated at a node of an arc?
         uncertain: (p, cell, margins): do the ends of an `ArcCell` leave open whether it is satisfied in between?
-        closed_broken: The same as `broken` for a `ClosedNode`; None where `amplitude` decides.
+        closed_broken: The same as `broken` for a `Node` of a closed motion; None where `amplitude` decides.
         closed_uncertain: The same as `uncertain` for a `ClosedCell`; None where `amplitude` decides.
         amplitude: (p, speeds, margins): is it violated somewhere on a closed motion with those largest speeds along the
             axes [m/s]?

@@ -159,7 +159,7 @@ def _amplitude(p: _AxisSpeedNumbers, speeds: Triple, margins: Margins) -> bool:
 
 @njit(**INLINED)
 def _axis_slack(p: _AxisSpeedNumbers, at: Node) -> float:
-    return (p.limit - abs(at.state[3 + p.axis])) / p.n
+    return float((p.limit - abs(at.state[3 + p.axis])) / p.n)
 
 
 @njit(**INLINED)

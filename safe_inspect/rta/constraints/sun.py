@@ -14,7 +14,6 @@ from safe_inspect.rta.constraints.rows import (
     LENGTH_FLOOR,
     ArcCell,
     ClosedCell,
-    ClosedNode,
     Margins,
     Node,
     RowKernels,
@@ -103,13 +102,13 @@ def _closed_uncertain(p: SunNumbers, cell: ClosedCell, margins: Margins) -> bool
 
 
 @njit(**INLINED)
-def _bend(p: SunNumbers, at: ClosedNode, centre: float, nk: float, nz: float) -> float:
+def _bend(p: SunNumbers, at: Node, centre: float, nk: float, nz: float) -> float:
     """Return the second derivative of N.q at a node, where q is the position in the frame that rotates with the sun."""
     ox, oy = at.state[0], at.state[1] - centre
     ca, sa = at.sun
     vc, vk = sun_axes(at.sun, 0.5 * oy, -2.0 * ox)
     bend_c, bend_k = ca * ox - sa * oy - 2.0 * vk - at.along, sa * ox + ca * oy + 2.0 * vc - at.across
-    return nk * bend_k - nz * at.state[2] - p.sin_b * bend_c
+    return float(nk * bend_k - nz * at.state[2] - p.sin_b * bend_c)
 
 
 @njit(**INLINED)

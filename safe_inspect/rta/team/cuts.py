@@ -16,12 +16,11 @@ from safe_inspect.rta.backup.holds import held, turned
 from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
 from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
 from safe_inspect.rta.backup.sequences import SAFE
-from safe_inspect.rta.backup.tracking import widened
-from safe_inspect.rta.backup.workspace import Workspace, as_bool, as_int
+from safe_inspect.rta.backup.workspace import Workspace, as_int
 from safe_inspect.rta.constraints.rows import Margins, SunAngle
 from safe_inspect.rta.constraints.sets import COLLISION
-from safe_inspect.rta.team.plans import farthest_plans, minus
-from safe_inspect.rta.team.tracking import beside, state_of
+from safe_inspect.rta.team.plans import farthest_plans
+from safe_inspect.rta.team.tracking import coasts, minus, motion_of, state_of, task_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
@@ -38,104 +37,61 @@ def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace
     The thrusts of deputies that coast are fixed.
     """
     for r in range(new):
-        first, second = s.rows[r], not t.fixed[i]
+        first = s.rows[r]
         size = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
-        both = j >= 0 and second and not t.fixed[j]
-        if both:
+        if j >= 0 and not (t.fixed[i] or t.fixed[j]):
             size *= math.sqrt(2.0)
         if count >= t.rows.shape[0] or size < 1e-12:
             continue
         for k in range(t.rows.shape[1]):
             t.rows[count, k] = 0.0
-        for axis in range(3):
-            if second:
-                t.rows[count, 3 * i + axis] = first[axis] / size
-            if j >= 0 and not t.fixed[j]:
-                t.rows[count, 3 * j + axis] = -first[axis] / size
         given = 0.0
-        for axis in range(3):
-            if not second:
-                given += first[axis] * t.control[3 * i + axis]
-            if j >= 0 and t.fixed[j]:
-                given -= first[axis] * t.control[3 * j + axis]
+        for deputy, sign in ((i, 1.0), (j, -1.0)):
+            for axis in range(3 if deputy >= 0 else 0):
+                if t.fixed[deputy]:
+                    given += sign * first[axis] * t.control[3 * deputy + axis]
+                else:
+                    t.rows[count, 3 * deputy + axis] = sign * first[axis] / size
         t.bounds[count] = (s.bounds[r] - given) / size
         count += 1
     return count
 
 
 @njit(**BORROWING)
-def _write_thrust(i: int, j: int, t: TeamWorkspace) -> None:
-    """Write the last proposal's thrust of a deputy, minus that of another if j >= 0, to `t.u`."""
-    for axis in range(3):
-        t.u[axis] = t.control[3 * i + axis] - (t.control[3 * j + axis] if j >= 0 else 0.0)
-
-
-@njit(**BORROWING)
 def cut_holds(
-    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, bits: bool, count: int,
+    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, ends: bool, bits: bool, count: int,
     t: TeamWorkspace, s: Workspace,
 ) -> int:  # fmt: skip
-    """Append half-spaces for every deputy and pair whose hold of the last proposal was rejected; return the count.
+    """Append half-spaces for the deputies and pairs whose hold of the last proposal was rejected; return the count.
 
     Args:
         g: The task.
         sun: Cosine and sine of the sun angle.
         own_side: Whether to stay on this side of the chief instead of passing it; for other deputies, always true.
         margins: Margins of the constraints.
+        ends: Whether to append them for every hold instead, only for what is violated at its end.
         bits: Whether to record in `t.bits` what rejected the hold.
         count: Number of half-spaces so far.
         t: Workspace, after `tested`.
         s: Workspace.
     """
-    deputies, u, p = t.x.shape[0], t.u, 0
-    for i in range(deputies):
-        if t.code[i] != SAFE:
-            _write_thrust(i, as_int(-1), t)
-            x, wide = state_of(t.x, i), widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
-            new = cut_hold(g.one, x, sun, u, Refusal(t.code[i], t.at[i]), own_side, wide, s, as_int(0))
-            new, broken = cut_broken(g.one, x, sun, u, own_side, wide, s, new)
-            count = _spread(new, i, as_int(-1), count, t, s)
-            if bits:
-                t.bits[i] |= broken | 1 << t.code[i]
-    if g.pairs:
-        for i in range(deputies):
-            for j in range(i + 1, deputies):
-                if t.pair_code[p] != SAFE:
-                    _write_thrust(i, j, t)
-                    x = minus(state_of(t.x, i), state_of(t.x, j))
-                    refusal = Refusal(t.pair_code[p], t.pair_at[p])
-                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
-                    new = cut_hold(g.pair, x, sun, u, refusal, as_bool(True), wide, s, as_int(0))
-                    count = _spread(new, i, j, count, t, s)
-                    if bits:
-                        bit = 1 << (PAIR_BIT if t.pair_code[p] == COLLISION else PAIR_BIT + 1)
-                        t.bits[i] |= bit
-                        t.bits[j] |= bit
-                p += 1
-    return count
-
-
-@njit(**BORROWING)
-def cut_ends(
-    g: TeamModel, sun: SunAngle, own_side: bool, margins: Margins, count: int, t: TeamWorkspace, s: Workspace
-) -> int:  # fmt: skip
-    """Append half-spaces for everything that the last proposal violates at the end of its hold; return the count."""
-    deputies, u = t.x.shape[0], t.u
-    for i in range(deputies):
-        if not t.fixed[i]:
-            _write_thrust(i, as_int(-1), t)
-            wide = widened(g.one, margins, as_int(PLAN), t.effort[i], 0.0)
-            new, _ = cut_broken(g.one, state_of(t.x, i), sun, u, own_side, wide, s, as_int(0))
-            count = _spread(new, i, as_int(-1), count, t, s)
-    if g.pairs:
-        for i in range(deputies):
-            for j in range(i + 1, deputies):
-                if not (t.fixed[i] and t.fixed[j]):
-                    _write_thrust(i, j, t)
-                    rel = minus(state_of(t.x, i), state_of(t.x, j))
-                    wide = beside(g, beside(g, margins, as_int(PLAN), i, 0.0, t), as_int(PLAN), j, 0.0, t)
-                    new, _ = cut_broken(g.pair, rel, sun, u, as_bool(True), wide, s, as_int(0))
-                    count = _spread(new, i, j, count, t, s)
+    for k in range(t.code.shape[0] if g.pairs else t.x.shape[0]):
+        i, j = t.first[k], t.second[k]
+        if coasts(i, j, t) or not (ends or t.code[k] != SAFE):
+            continue
+        write_thrust(t.control, i, j, t)
+        m, x, same_side, new = task_of(g, j), motion_of(t.x, i, j), own_side or j >= 0, as_int(0)
+        wide = tube_about(g, margins, as_int(PLAN), i, j, 0.0, 0.0, t)
+        if not ends:
+            new = cut_hold(m, x, sun, t.u, Refusal(t.code[k], t.at[k]), same_side, wide, s, new)
+        new, broken = cut_broken(m, x, sun, t.u, same_side, wide, s, new)
+        count = _spread(new, i, j, count, t, s)
+        if bits and j < 0:
+            t.bits[i] |= broken | 1 << t.code[k]
+        elif bits:
+            bit = 1 << (PAIR_BIT if t.code[k] == COLLISION else PAIR_BIT + 1)
+            t.bits[i] |= bit
+            t.bits[j] |= bit
     return count
 
 
@@ -160,7 +116,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
     """Append half-spaces that keep a pair's plans apart, at nodes of an orbit where they are not; return the count."""
     m, n = g.one, g.one.n
     one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
-    wide = beside(g, beside(g, _NO_MARGINS, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
+    wide = tube_about(g, _NO_MARGINS, as_int(CLOSED), i, j, one, two, t)
     reach = g.pair.constraints[COLLISION].closed_near + _NODE_MARGIN + wide.coasting
     a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
     a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
@@ -222,7 +178,7 @@ def cut_plans(
         s: Workspace.
     """
     if alone:
-        _write_thrust(stuck, as_int(-1), t)
+        write_thrust(t.control, stuck, as_int(-1), t)
         new, code = cut_recovery(g.one, state_of(t.x, stuck), sun, t.u, _NODE_MARGIN, s, as_int(0))
         if bits:
             t.bits[stuck] |= 1 << code

@@ -17,11 +17,10 @@ from safe_inspect.rta.backup.holds import held, hold, turned
 from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
 from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, size_of, still, try_plan
 from safe_inspect.rta.backup.sequences import SAFE
-from safe_inspect.rta.backup.tracking import widened
 from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
 from safe_inspect.rta.constraints.rows import Margins, SunAngle, lowest
 from safe_inspect.rta.constraints.sets import COLLISION
-from safe_inspect.rta.team.tracking import beside, state_of
+from safe_inspect.rta.team.tracking import coasts, minus, motion_of, state_of, task_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.types import FloatArray
 
@@ -99,12 +98,6 @@ _STRIDE = 4
 
 
 @njit(**BORROWING)
-def minus(a: RowState, b: RowState) -> RowState:
-    """Return the difference of two states."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
-
-
-@njit(**BORROWING)
 def _write_end(m: FilterModel, x: FloatArray, i: int, u: FloatArray, after: FloatArray) -> None:
     """Write the state of a deputy after a hold of the thrust u, shape (6,)."""
     end = held(m, state_of(x, i), u, HOLD_PIECES)
@@ -158,7 +151,7 @@ def _pair_safe(
     q, (i, plan), (j, other) = g.pair, first, second
     after = minus(state_of(t.end[i], plan), state_of(t.end[j], other))
     one, two = size_of(t.thrust[i, plan]), size_of(t.thrust[j, other])
-    wide = beside(g, beside(g, margins, as_int(CLOSED), i, one, t), as_int(CLOSED), j, two, t)
+    wide = tube_about(g, margins, as_int(CLOSED), i, j, one, two, t)
     if t.fixed[i] or t.fixed[j]:
         if not apart(q.n, after, q.constraints[COLLISION].closed_near + wide.coasting):
             return False
@@ -168,9 +161,8 @@ def _pair_safe(
         return True
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
-    rel = minus(state_of(x, i), state_of(x, j))
-    wide = beside(g, beside(g, margins, as_int(PLAN), i, one, t), as_int(PLAN), j, two, t)
-    return bool(hold(q, rel, sun, t.u, wide, s.cells, s.where) == SAFE)
+    wide = tube_about(g, margins, as_int(PLAN), i, j, one, two, t)
+    return bool(hold(q, motion_of(x, i, j), sun, t.u, wide, s.cells, s.where) == SAFE)
 
 
 @njit(**BORROWING)
@@ -266,36 +258,23 @@ def tested(
     Returns:
         PASSED, UNSAFE_HOLD or NO_JOINT_PLAN; for the last, followed by the result of `joint_plan`.
     """
-    deputies = t.x.shape[0]
-    broken, p = False, 0
-    for i in range(deputies):
-        t.code[i], t.effort[i] = SAFE, 0.0
-        if not t.fixed[i]:
-            copy(control[3 * i : 3 * i + 3], t.u)
-            t.effort[i] = size_of(t.u)
-            wide = widened(g.one, margins, as_int(HOLD), t.effort[i], 0.0)
-            t.code[i] = hold(g.one, state_of(t.x, i), sun, t.u, wide, s.cells, s.where)
-            t.at[i] = s.where[0]
-        if t.code[i] != SAFE:
+    broken = False
+    for k in range(t.code.shape[0] if g.pairs else t.x.shape[0]):
+        i, j = t.first[k], t.second[k]
+        t.code[k] = SAFE
+        if j < 0:
+            t.effort[i] = 0.0
+        if not coasts(i, j, t):
+            write_thrust(control, i, j, t)
+            if j < 0:
+                t.effort[i] = size_of(t.u)
+            wide = tube_about(g, margins, as_int(HOLD), i, j, 0.0, 0.0, t)
+            t.code[k] = hold(task_of(g, j), motion_of(t.x, i, j), sun, t.u, wide, s.cells, s.where)
+            t.at[k] = s.where[0]
+        if t.code[k] != SAFE:
             broken = True
             if not whole:
                 return UNSAFE_HOLD, FOUND, False
-    if g.pairs:
-        for i in range(deputies):
-            for j in range(i + 1, deputies):
-                t.pair_code[p] = SAFE
-                if not (t.fixed[i] and t.fixed[j]):
-                    for axis in range(3):
-                        t.u[axis] = control[3 * i + axis] - control[3 * j + axis]
-                    rel = minus(state_of(t.x, i), state_of(t.x, j))
-                    wide = beside(g, beside(g, margins, as_int(HOLD), i, 0.0, t), as_int(HOLD), j, 0.0, t)
-                    t.pair_code[p] = hold(g.pair, rel, sun, t.u, wide, s.cells, s.where)
-                    t.pair_at[p] = s.where[0]
-                if t.pair_code[p] != SAFE:
-                    broken = True
-                    if not whole:
-                        return UNSAFE_HOLD, FOUND, False
-                p += 1
     if broken:
         return UNSAFE_HOLD, FOUND, False
     _advance_team(g.one, t.x, control, t.after, t)

@@ -14,10 +14,10 @@ from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, STAY
 from safe_inspect.rta.backup.rows import BACKUP, DESIRED, NEAREST, RETURN, return_control
 from safe_inspect.rta.backup.search import MARGINS, squared
 from safe_inspect.rta.backup.tracking import remembers, tracking
-from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, Workspace, as_int, copy, workspace
+from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, Workspace, as_bool, as_int, copy, workspace
 from safe_inspect.rta.constraints.rows import SunAngle, scaled
 from safe_inspect.rta.constraints.sets import COLLISION, PSM
-from safe_inspect.rta.team.cuts import cut_ends, cut_holds, cut_plans
+from safe_inspect.rta.team.cuts import cut_holds, cut_plans
 from safe_inspect.rta.team.plans import FOUND, PASSED, UNSAFE_HOLD, farthest_plans, joint_plan, tested
 from safe_inspect.rta.team.tracking import begin_plans, enter, remember_plans, state_of, tracked_backup
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace, team_workspace
@@ -61,7 +61,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
             return True
         first = attempt == 0 and not own_side
         if verdict == UNSAFE_HOLD:
-            count = cut_holds(g, sun, own_side, margins, first, count, t, s)
+            count = cut_holds(g, sun, own_side, margins, as_bool(False), first, count, t, s)
         else:
             unrecovered += 1
             if unrecovered > _RECOVERIES:
@@ -75,7 +75,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
             if moved < _STILL:
                 break
             before = count
-            count = cut_ends(g, sun, own_side, scaled(margins, 0.75), count, t, s)
+            count = cut_holds(g, sun, own_side, scaled(margins, 0.75), as_bool(True), as_bool(False), count, t, s)
             if count == before:
                 break
     return False

@@ -31,19 +31,65 @@ def state_of(x: FloatArray, i: int) -> RowState:
 
 
 @njit(**BORROWING)
-def beside(
-    g: TeamModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace
-) -> Margins:  # fmt: skip
-    """Widen the margins of a pair by the tube of one of its deputies, in a part of its motion, numbered from `HOLD`.
+def minus(a: RowState, b: RowState) -> RowState:
+    """Return the difference of two states."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5]
 
-    A deputy that is fixed is within the tube of the closed motion that it tracks.
-    """
+
+@njit(**BORROWING)
+def motion_of(x: FloatArray, i: int, j: int) -> RowState:
+    """Return the state of a deputy relative to the chief or, if j >= 0, to another deputy."""
+    return state_of(x, i) if j < 0 else minus(state_of(x, i), state_of(x, j))
+
+
+@njit(**BORROWING)
+def task_of(g: TeamModel, j: int) -> FilterModel:
+    """Return the task of a deputy relative to the chief or, if j >= 0, to another deputy."""
+    return g.one if j < 0 else g.pair
+
+
+@njit(**BORROWING)
+def write_thrust(control: FloatArray, i: int, j: int, t: TeamWorkspace) -> None:
+    """Write the thrust of a deputy, minus that of another if j >= 0, to `t.u`."""
+    for axis in range(3):
+        t.u[axis] = control[3 * i + axis] - (control[3 * j + axis] if j >= 0 else 0.0)
+
+
+@njit(**BORROWING)
+def coasts(i: int, j: int, t: TeamWorkspace) -> bool:
+    """Return whether a deputy coasts unconditionally, and the other one of the pair too, if j >= 0."""
+    return bool(t.fixed[i] and (j < 0 or t.fixed[j]))
+
+
+@njit(**BORROWING)
+def _beside(m: FilterModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace) -> Margins:
+    """Widen margins by the tube of one deputy. One that is fixed is in the tube of the closed motion that it tracks."""
     if t.fixed[i]:
-        most = math.sqrt(3.0) * g.one.u_max
-        return widened(g.pair, margins, as_int(CLOSED), most, most)
+        most = math.sqrt(3.0) * m.u_max
+        return widened(m, margins, as_int(CLOSED), most, most)
     if t.effort[i] < 0.0 and part != HOLD:
         part += FIRST_PLAN - PLAN
-    return widened(g.pair, margins, part, t.effort[i], thrust)
+    return widened(m, margins, part, t.effort[i], thrust)
+
+
+@njit(**BORROWING)
+def tube_about(
+    g: TeamModel, margins: Margins, part: int, i: int, j: int, one: float, two: float, t: TeamWorkspace
+) -> Margins:  # fmt: skip
+    """Widen margins by the tubes of a deputy and, if j >= 0, of another one.
+
+    Args:
+        g: The task.
+        margins: Margins of the constraints.
+        part: The part of their motion, numbered from `HOLD`.
+        i: The deputy.
+        j: The other one, or -1.
+        one: Size of the thrust of the deputy's plan [N].
+        two: The same of the other one.
+        t: Workspace.
+    """
+    wide = _beside(task_of(g, j), margins, part, i, one, t)
+    return wide if j < 0 else _beside(g.pair, wide, part, j, two, t)
 
 
 @njit(**BORROWING)

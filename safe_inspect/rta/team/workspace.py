@@ -47,10 +47,10 @@ class TeamWorkspace(NamedTuple):
         met: Status of two plans of a pair: 0 unknown, 1 apart, 2 not apart, int8, shape (P, PLANS, PLANS).
         thrust: Thrusts of the plans, shape (D, PLANS, 3).
         end: States after the holds of the plans, shape (D, PLANS, 6).
-        code: Constraint that rejected each deputy's hold, or SAFE, shape (D,).
-        at: Where it did, shape (D,).
-        pair_code: The same for the pairs 0-1, 0-2, ..., shape (P,).
-        pair_at: Where it did, shape (P,).
+        first: The deputy of each hold that is tested: those of the deputies, then of the pairs 0-1, 0-2, ..., (D + P,).
+        second: The other deputy of the pair, or -1, shape (D + P,).
+        code: Constraint that rejected each hold, or SAFE, shape (D + P,).
+        at: Where it did, shape (D + P,).
         bits: Bits of the constraints that rejected the desired thrust, shape (D,).
         u: Thrust of one deputy, shape (3,).
         rows: Unit normals of the half-spaces of the quadratic programme, shape (K, V).
@@ -76,10 +76,10 @@ class TeamWorkspace(NamedTuple):
     met: AnyArray
     thrust: FloatArray
     end: FloatArray
+    first: IntArray
+    second: IntArray
     code: IntArray
     at: IntArray
-    pair_code: IntArray
-    pair_at: IntArray
     bits: IntArray
     u: FloatArray
     rows: FloatArray
@@ -92,12 +92,18 @@ def team_workspace(deputies: int) -> TeamWorkspace:
     """Return a workspace for environments with the given number of deputies."""
     d, v, p = deputies, 3 * deputies, deputies * (deputies - 1) // 2
     most = _ROWS * d + _PAIR_ROWS * p
+    first, second = np.arange(d + p), np.full(d + p, -1)
+    k = d
+    for i in range(d):
+        for j in range(i + 1, d):
+            first[k], second[k] = i, j
+            k += 1
     return TeamWorkspace(
         np.zeros(d, np.int64), np.zeros(d, np.bool_), np.zeros(d), np.zeros((d, 6)), np.zeros((d, 6)),
         np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v), np.zeros(v),
         np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(d, np.int64),
         np.zeros((d, PLANS), np.int64), np.zeros((p, PLANS, PLANS), np.int8),
         np.zeros((d, PLANS, 3)), np.zeros((d, PLANS, 6)),
-        np.zeros(d, np.int64), np.zeros(d, np.int64), np.zeros(p, np.int64), np.zeros(p, np.int64),
+        first, second, np.zeros(d + p, np.int64), np.zeros(d + p, np.int64),
         np.zeros(d, np.int64), np.zeros(3), np.zeros((most, v)), np.zeros(most), qp_workspace(v),
     )  # fmt: skip
