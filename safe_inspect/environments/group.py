@@ -21,10 +21,10 @@ from safe_inspect.glues.base import Glue, ObservationGlue
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, shortened
 from safe_inspect.rewards.base import Reward
-from safe_inspect.rta.base import Filtered, SafetyGlue
+from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import DECISION, REMAINING, Group, Step, View
+from safe_inspect.simulators.view import DECISION, REMAINING, FilterResult, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
@@ -204,7 +204,7 @@ class AgentGroup:
             control[:, :3] = thrust
         return np.minimum(np.maximum(control, self.limits.low), self.limits.high)
 
-    def filter(self, desired: FloatArray, view: View) -> Filtered | None:
+    def filter(self, desired: FloatArray, view: View) -> FilterResult | None:
         """Return the result of the agents' own safety filter for the desired thrust; None without a filter."""
         return None if self.safety_filter is None else self.safety_filter.filter(read_only(desired), view)
 

@@ -183,13 +183,10 @@ class TeamEnvironment:
             else:
                 action, desired = group.command(next(given), view)
             steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
-        filtered = [
-            group.filter(step.writable_control, step.before) for group, step in zip(self.groups, steps, strict=True)
-        ]
-        for step, found in zip(steps, filtered, strict=True):
+        for group, step in zip(self.groups, steps, strict=True):
+            found = step.filtered = group.filter(step.writable_control, step.before)
             if found is not None:
-                step.filtered = found.result
-                step.writable_control, step.writable_intervening = found.result.control, found.result.intervening
+                step.writable_control, step.writable_intervening = found.control, found.intervening
         everyone = not np.count_nonzero(simulation.state.finished)
         active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.writable_control for step in steps])
@@ -200,9 +197,8 @@ class TeamEnvironment:
         elif not everyone:
             control = self._without_ended(control, active, steps)
         simulation.step(control)
-        after = simulation.views
-        for group, step, seen, found in zip(self.groups, steps, after, filtered, strict=True):
-            step.after = seen
+        for group, step, seen in zip(self.groups, steps, simulation.views, strict=True):
+            step.after, found = seen, step.filtered
             if found is not None or team is not None:
                 simulation.state.interventions[:, group.members] += step.writable_intervening.reshape(-1, group.size)
             for name, array in found.memory.items() if found is not None else ():

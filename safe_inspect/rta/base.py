@@ -19,36 +19,53 @@ from safe_inspect.simulators.world import World
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """Effect of a safety glue on the thrust of a step.
+class Safety(Plugin):
+    """What the safety glue of an agent and the filter of a team have in common.
 
     Attributes:
-        result: Result of the filter for the R rows.
-        memory: New values of the arrays that the glue has declared, each of shape (R, ...).
+        enabled: Whether the thrust is filtered. If False, the filter costs nothing.
+        undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
+            ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
     """
 
-    result: FilterResult
-    memory: Mapping[str, AnyArray] = field(default_factory=dict)
+    enabled: bool = False
+    undeclared: Literal["error", "warn"] = "error"
+
+    @abstractmethod
+    def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
+        """Return, for each constraint, the mask of the initial states that it rejects, shape (R,).
+
+        Args:
+            states: Named states, such as ``position`` [m] and ``velocity`` [m/s], shape (R, 3), or (R, D, 3) for a
+                team, and ``sun_angle`` [rad] (R,). D may be smaller than the number of deputies while the deputies of
+                a team are sampled one by one.
+        """
+
+    @abstractmethod
+    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return, for each constraint, its least safety quantity phi, >= 0 where the state is safe, shape (R,).
+
+        Args:
+            states: As in `refusals`.
+        """
+
+    def memory(self, world: World) -> Mapping[str, ArraySpec]:
+        """Declare the arrays that the filter stores between steps, with the shape for one agent, or for one team."""
+        return {}
 
 
-class SafetyGlue(ActionGlue):
+class SafetyGlue(Safety, ActionGlue):
     """Base class of the safety glues: they wrap the glues of the controllers and filter the thrust that these command.
 
     Class attributes:
         tests: Names of the states that `refusals` reads.
 
     Attributes:
-        enabled: Whether the thrust is filtered. If False, the glue costs nothing.
-        undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
-            ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
         wrapped: The glues of the controllers.
     """
 
     tests: ClassVar[tuple[str, ...]] = ("position", "velocity", "sun_angle")
 
-    enabled: bool = False
-    undeclared: Literal["error", "warn"] = "error"
     wrapped: tuple[functor_field("glue"), ...] = ()  # type: ignore[valid-type]
 
     def leaves(self) -> tuple[ActionGlue, ...]:
@@ -81,33 +98,13 @@ class SafetyGlue(ActionGlue):
         return {}
 
     @abstractmethod
-    def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return, for each constraint, the mask of the initial states that it rejects, shape (R,).
-
-        Args:
-            states: Named states, such as ``position`` [m] (R, 3), ``velocity`` [m/s] (R, 3), ``sun_angle`` [rad] (R,).
-        """
-
-    @abstractmethod
-    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return, for each constraint, its safety quantity phi, >= 0 where the state is safe, shape (R,).
-
-        Args:
-            states: As in `refusals`.
-        """
-
-    @abstractmethod
-    def filter(self, desired: FloatArray, view: View) -> Filtered:
-        """Return the thrust to hold during the next step.
+    def filter(self, desired: FloatArray, view: View) -> FilterResult:
+        """Return the thrust to hold during the next step, and the new values of declared arrays.
 
         Args:
             desired: Desired thrust [N], Hill frame, shape (R, 3).
             view: The state at the start of the step.
         """
-
-    def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the filter stores between steps, with the shape for one agent; by default, none."""
-        return {}
 
     def for_starts(self) -> SafetyGlue:
         """Return the glue that tests initial states if this one is enabled."""
@@ -140,21 +137,18 @@ class TeamFiltered:
     memory: Mapping[str, AnyArray] = field(default_factory=dict)
 
 
-class TeamSafety(Plugin):
+class TeamSafety(Safety):
     """Base class of the filters that keep the deputies of a team safe: from the chief, and from each other.
 
     The key ``rta`` of environment.yml configures one.
 
     Attributes:
         enabled: Whether the thrusts are filtered. If False, the filter costs nothing.
-        undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
-            ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
     """
 
     kind: ClassVar[str] = "rta"
 
     enabled: bool = True
-    undeclared: Literal["error", "warn"] = "error"
 
     @abstractmethod
     def __call__(self, desired: FloatArray, team: TeamView) -> TeamFiltered:
@@ -165,20 +159,3 @@ class TeamSafety(Plugin):
             team: The state at the start of the step. The desired thrusts of finished deputies have no meaning, but the
                 returned ones are applied: return zeros if they should coast.
         """
-
-    @abstractmethod
-    def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
-        """Return, for each constraint, the mask of the environments whose initial state it rejects, shape (R,).
-
-        Args:
-            states: ``position`` [m] (R, D, 3), ``velocity`` [m/s] (R, D, 3), ``sun_angle`` [rad] (R,). D may be smaller
-                than the number of deputies while the deputies of a team are sampled one by one.
-        """
-
-    @abstractmethod
-    def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return, for each constraint, the least safety quantity phi of the team, >= 0 where it is safe, shape (R,)."""
-
-    def memory(self, world: World) -> Mapping[str, ArraySpec]:
-        """Declare the arrays that the filter stores between steps, with their shapes for one environment."""
-        return {}

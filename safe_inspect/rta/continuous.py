@@ -10,7 +10,7 @@ import numpy as np
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES
-from safe_inspect.rta.filters import SafetyFilter, as_columns, checked, differs, responds_to_thrust
+from safe_inspect.rta.filters import SafetyFilter, checked, differs, responds_to_thrust
 from safe_inspect.rta.projection import solve_qp
 from safe_inspect.simulators.view import FilterResult
 from safe_inspect.types import FloatArray, IntArray
@@ -91,7 +91,7 @@ class ContinuousFilter(SafetyFilter):
             infeasible=~feasible,
             backup=np.zeros(len(state), np.bool_),
             active=active,
-            phi=as_columns([evaluation.phi for evaluation in evaluations], len(state)),
+            phi=self.columns([evaluation.phi for evaluation in evaluations], len(state)),
             names=self.names,
         )
 

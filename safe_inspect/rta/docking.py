@@ -12,7 +12,7 @@ from pydantic import model_validator
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.rta.base import Filtered, SafetyGlue, seen_motion
+from safe_inspect.rta.base import SafetyGlue, seen_motion
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.simulators.view import FilterResult, View
 from safe_inspect.types import BoolArray, FloatArray
@@ -205,6 +205,6 @@ class RTAGlueCWHDocking3d(TaskParameters, SafetyGlue):
         """Return the limit minus the speed [m/s], shape (R,)."""
         return {"speed_limit": self._filter.phi(states["position"], states["velocity"])}
 
-    def filter(self, desired: FloatArray, view: View) -> Filtered:
+    def filter(self, desired: FloatArray, view: View) -> FilterResult:
         """Return the thrust to hold during the next step."""
-        return Filtered(self._filter(*seen_motion(view, view.world.offers.view), desired))
+        return self._filter(*seen_motion(view, view.world.offers.view), desired)

@@ -10,12 +10,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, Motion, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES, constraint_set, name_of
 from safe_inspect.simulators.arrays import for_kernel
+from safe_inspect.simulators.resets.parameters import either
 from safe_inspect.simulators.view import FilterResult
-from safe_inspect.types import BoolArray, FloatArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: A control that differs from the desired one by more than this counts as an intervention [N].
 INTERVENTION_THRESHOLD = 0.01
@@ -67,7 +68,33 @@ class SafetyFilter(ABC):
 
     def phi(self, state: RelativeState) -> FloatArray:
         """Return the safety quantity phi of every constraint, >= 0 where safe, shape (R, C)."""
-        return as_columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
+        return self.columns([constraint.phi(state) for constraint in self.constraints.values()], len(state))
+
+    @staticmethod
+    def columns(parts: list[FloatArray], rows: int) -> FloatArray:
+        """Return arrays of shape (R,) as the columns of one array, shape (R, C)."""
+        return np.stack(parts, axis=1) if parts else np.empty((rows, 0))
+
+    @staticmethod
+    def active(refused: IntArray, codes: Mapping[int, int]) -> IntArray:
+        """Return bits of constraints, the bit of each code moved to the place that a mapping gives for it."""
+        active: IntArray = np.zeros(refused.shape, np.int64)
+        for code, j in codes.items():
+            active |= (refused >> code & 1) << j
+        return active
+
+    @staticmethod
+    def refusals(looks: Iterable[tuple[str, Constraint, RelativeState]]) -> dict[str, BoolArray]:
+        """Return, for each constraint, the mask of the rows that it rejects: not (h >= 0 and phi >= 0), NaN included.
+
+        Args:
+            looks: Name of a constraint, the constraint, and a state of each row; a constraint may look several times.
+        """
+        refused: dict[str, BoolArray] = {}
+        for name, constraint, state in looks:
+            value = constraint.evaluate(state)
+            refused = either(refused, {name: ~((value.h >= 0.0) & (value.phi >= 0.0))})
+        return refused
 
 
 def check_used(entries: Iterable[str | Constraint]) -> None:
@@ -86,34 +113,36 @@ def check_used(entries: Iterable[str | Constraint]) -> None:
                     )
 
 
-def as_columns(parts: list[FloatArray], rows: int) -> FloatArray:
-    """Return arrays of shape (R,) as the columns of one array, shape (R, C)."""
-    return np.stack(parts, axis=1) if parts else np.empty((rows, 0))
-
-
-def checked(state: RelativeState, desired: FloatArray) -> FloatArray:
+def checked(state: Motion, desired: FloatArray, ignored: BoolArray | None = None) -> FloatArray:
     """Return the desired controls as an array that the compiled rows accept.
+
+    Args:
+        state: The states.
+        desired: Desired controls [N], with the shape of the positions.
+        ignored: Mask of the deputies whose desired control is replaced by zero; by default, none.
 
     Raises:
         ValueError: The shapes differ, or a number is not finite.
     """
     desired = for_kernel(desired, np.float64)
-    if desired.shape != (len(state), 3):
-        raise ValueError(f"{len(state)} states need desired controls of shape ({len(state)}, 3), got {desired.shape}")
-    whole = np.concatenate((desired, state.position, state.velocity, state.sun_angle[:, None]), axis=1)
-    finite = np.isfinite(whole)
+    if desired.shape != state.position.shape:
+        raise ValueError(f"the desired controls must have the shape {state.position.shape}, got {desired.shape}")
+    if ignored is not None:
+        desired = np.where(ignored[..., None], 0.0, desired)
+    given = np.asarray(np.isfinite(desired).all(axis=tuple(range(1, desired.ndim))))
+    finite = given & state.finite
     if not finite.all():
-        row = int(np.argmin(finite.all(axis=1)))
-        what = "desired control" if not finite[row, :3].all() else "state"
-        values = whole[row, :3] if what == "desired control" else whole[row, 3:]
-        raise ValueError(f"the {what} of row {row} is not finite: {values.tolist()}; check what computed it")
+        row = int(np.argmin(finite))
+        what, parts = ("state", vars(state).values()) if given[row] else ("desired control", (desired,))
+        values = [part[row].tolist() for part in parts]
+        raise ValueError(f"the {what} of {state.row} {row} is not finite: {values}; check what computed it")
     return desired
 
 
 def differs(control: FloatArray, desired: FloatArray) -> BoolArray:
-    """Return the rows that a filter changed by more than `INTERVENTION_THRESHOLD`, shape (R,)."""
+    """Return the rows that a filter changed by more than `INTERVENTION_THRESHOLD`, shape (...,), for (..., 3)."""
     away = control - desired
-    changed: BoolArray = away[:, 0] ** 2 + away[:, 1] ** 2 + away[:, 2] ** 2 > INTERVENTION_THRESHOLD**2
+    changed: BoolArray = away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2 > INTERVENTION_THRESHOLD**2
     return changed
 
 

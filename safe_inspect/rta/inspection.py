@@ -12,18 +12,18 @@ from pydantic import model_validator
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.backup.safety_filter import MEMORY, BackupFilter, Intervention
-from safe_inspect.rta.base import Filtered, SafetyGlue, TeamFiltered, TeamSafety, seen_motion
+from safe_inspect.rta.base import SafetyGlue, TeamFiltered, TeamSafety, seen_motion
 from safe_inspect.rta.constraints import Constraint, RelativeState, constraint_set
 from safe_inspect.rta.constraints.parameters import TaskParameters
 from safe_inspect.rta.constraints.sets import NAMES, ConstraintEntry
 from safe_inspect.rta.continuous import ContinuousFilter
-from safe_inspect.rta.filters import SAFE_DRAWS, differs, safe_states
+from safe_inspect.rta.filters import SAFE_DRAWS, SafetyFilter, safe_states
 from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.simulators.team import TeamView
-from safe_inspect.simulators.view import SAFETY_FILTER, View
+from safe_inspect.simulators.view import SAFETY_FILTER, FilterResult, View
 from safe_inspect.simulators.world import World
-from safe_inspect.types import AnyArray, BoolArray, FloatArray
+from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveLength
 
 
@@ -103,13 +103,9 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
     def refusals(self, states: Mapping[str, FloatArray]) -> dict[str, BoolArray]:
         """Return, for each constraint, the mask of rejected rows: not (h >= 0 and phi >= 0), NaN included, (R,)."""
         state = self._state(states["position"], states["velocity"], states.get("sun_angle"))
-        evaluations = {name: constraint.evaluate(state) for name, constraint in self._constraints.items()}
-        refused = {name: ~((value.h >= 0.0) & (value.phi >= 0.0)) for name, value in evaluations.items()}
+        refused = SafetyFilter.refusals((name, constraint, state) for name, constraint in self._constraints.items())
         if self.recoverable:
-            finite = np.isfinite(state.position).all(axis=1) & np.isfinite(state.velocity).all(axis=1)
-            finite &= np.isfinite(state.sun_angle)
-            refused["recoverable"] = ~finite
-            refused["recoverable"][finite] = ~self.backup_filter.recoverable(state[finite])
+            refused["recoverable"] = state.unless(self.backup_filter.recoverable)
         return refused
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -134,16 +130,14 @@ class RTAGlueCWHInspection1v1(TaskParameters, SafetyGlue):
         """Unit of each constraint's phi."""
         return {name: constraint.unit for name, constraint in self._constraints.items()}
 
-    def filter(self, desired: FloatArray, view: View) -> Filtered:
+    def filter(self, desired: FloatArray, view: View) -> FilterResult:
         """Return the thrust to hold during the next step."""
         offered = view.world.offers.view
         state = self._state(*seen_motion(view, offered), view.sun_angle if "sun_angle" in offered else None)
         if self.method == "continuous":
-            return Filtered(self._continuous(state, desired))
-        if self.disturbance is not None:
-            result, plan = self.backup_filter.track(state, desired, view.memory(SAFETY_FILTER, "plan"))
-            return Filtered(result, {"plan": plan})
-        return Filtered(self.backup_filter(state, desired))
+            return self._continuous(state, desired)
+        plan = None if self.disturbance is None else view.memory(SAFETY_FILTER, "plan")
+        return self.backup_filter.track(state, desired, plan)[0]
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the plan that is tracked under a disturbance."""
@@ -196,19 +190,7 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         finished = np.asarray(team.finished != 0)
         state = TeamState(*seen_motion(team, team.world.offers.team), team.sun_angle, finished)
         tracks = None if self.disturbance is None else team.memory("tracks")
-        result = self._filter(state, desired, team.memory("plan"), tracks)
-        memory: dict[str, AnyArray] = {"plan": result.plan.astype(np.int8)}
-        if result.tracks is not None:
-            memory["tracks"] = result.tracks
-        count, deputies = finished.shape
-        changed = differs(result.control.reshape(-1, 3), np.asarray(desired, dtype=np.float64).reshape(-1, 3))
-        return TeamFiltered(
-            control=result.control,
-            intervening=changed.reshape(count, deputies) & ~finished,
-            infeasible=result.infeasible,
-            backup=result.backup,
-            memory=memory,
-        )
+        return self._filter(state, desired, team.memory("plan"), tracks)
 
     def recoverable_share(self) -> tuple[int, float] | None:
         """Return the number of sampled safe states of a deputy, and the share of them that have a backup plan.
@@ -229,12 +211,8 @@ class RTACWHInspectionTeam(TaskParameters, TeamSafety):
         """
         state = TeamState(states["position"], states["velocity"], states["sun_angle"])
         refused = {name: np.zeros(len(state), np.bool_) for name in self._filter.names}
-        for name, constraint, relative in self._filter.looks(state):
-            value = constraint.evaluate(relative)
-            refused[name] |= ~((value.h >= 0.0) & (value.phi >= 0.0))
-        refused["recoverable"] = ~state.finite
-        refused["recoverable"][state.finite] = ~self._filter.recoverable(state[state.finite])
-        return refused
+        refused |= SafetyFilter.refusals(self._filter.looks(state))
+        return refused | {"recoverable": state.unless(self._filter.recoverable)}
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return, for each constraint, the least phi of the team, (R,); for those of pairs only if there is a pair."""

@@ -35,6 +35,7 @@ class FilterResult:
         active: Bits of the constraints that rejected the desired control, bit j for the j-th name, shape (R,).
         phi: The constraints' plain safety quantities before the hold, in the order of the names, shape (R, C).
         names: The names of the C constraints.
+        memory: New values of the arrays that the filter's glue has declared, each of shape (R, ...).
     """
 
     control: FloatArray
@@ -44,6 +45,7 @@ class FilterResult:
     active: IntArray
     phi: FloatArray
     names: tuple[str, ...]
+    memory: Mapping[str, AnyArray] = field(default_factory=dict)
 
     def active_names(self, row: int) -> tuple[str, ...]:
         """Return the names of the constraints that rejected the desired control of a row."""

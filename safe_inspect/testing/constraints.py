@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import Constraint, RelativeState, joined_states
+from safe_inspect.rta.constraints.base import Constraint, RelativeState
 from safe_inspect.rta.filters import probe_states, responds_to_thrust
 from safe_inspect.testing.calls import Call, SampleParts, Shape, check_call
 from safe_inspect.testing.report import Report
@@ -109,7 +109,7 @@ def _with_boundary(plugin: Constraint, state: RelativeState) -> RelativeState:
         )
         within = plugin.phi(middle) >= 0.0
         safe, unsafe = _chosen(within, middle, safe), _chosen(within, unsafe, middle)
-    return joined_states((state, safe, unsafe))
+    return RelativeState.joined((state, safe, unsafe))
 
 
 def _chosen(first: BoolArray, one: RelativeState, other: RelativeState) -> RelativeState:

@@ -15,7 +15,6 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.metrics import Decisions
-from safe_inspect.rta.base import Filtered
 from safe_inspect.simulators.view import FilterResult
 
 ONE = configs_root() / "translational-inspection" / "experiment-burn-and-coast.yml"
@@ -98,7 +97,7 @@ def test_an_intervention_of_the_filter_is_the_end_of_a_decision():
         rows = view.step == np.array([2, 99, 0])
         control = np.where(rows[:, None], 0.01, desired)
         zeros = np.zeros((len(desired), 0))
-        return Filtered(FilterResult(control, rows, ~rows & False, np.zeros(3, dtype=np.int64), zeros, zeros, ()))
+        return FilterResult(control, rows, ~rows & False, np.zeros(3, dtype=np.int64), zeros, zeros, ())
 
     group.filter = brake
     action = np.tile(np.array([0.5, 0.0, 0.0, 3.0]), (3, 1, 1))

@@ -38,7 +38,7 @@ def test_one_number_that_is_not_finite_refuses_its_team_only(field: str) -> None
     np.testing.assert_array_equal(plugin.refusals(states)["recoverable"], [False, True, False])
     team = TeamState(states["position"], states["velocity"], states["sun_angle"])
     np.testing.assert_array_equal(team.finite, [True, False, True])
-    with pytest.raises(ValueError, match="the state of environment 1 contain"):
+    with pytest.raises(ValueError, match="the state of environment 1 is not finite"):
         TeamFilter(names=("r_max", "deputy_collision"))(team, np.zeros((3, 3, 3)))
 
 

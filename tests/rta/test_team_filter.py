@@ -359,11 +359,11 @@ def test_what_a_filter_of_a_team_cannot_enforce_is_refused(names, message):
 
 
 def test_bad_input_is_named(run, start):
-    with pytest.raises(ValueError, match="desired thrusts must have the shape"):
+    with pytest.raises(ValueError, match="desired controls must have the shape"):
         run(start, np.zeros((42, 2, 3)))
     desired = np.zeros(start.position.shape)
     desired[3, 1, 0] = np.inf
-    with pytest.raises(ValueError, match="desired thrusts of environment 3"):
+    with pytest.raises(ValueError, match="desired control of environment 3"):
         run(start, desired)
     with pytest.raises(ValueError, match="expected a team state with position"):
         TeamState(start.position, start.velocity[:, :2], start.sun_angle)

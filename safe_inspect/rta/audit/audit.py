@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from safe_inspect.rta.audit.adversaries import DisturbanceAdversary, normalised_rows
 from safe_inspect.rta.backup.safety_filter import BackupFilter
-from safe_inspect.rta.constraints.base import RelativeState, joined_states
+from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.sets import NAMES
 from safe_inspect.types import FloatArray, IntArray
 
@@ -244,7 +244,7 @@ def grazing_states(run: BackupFilter, rng: np.random.Generator, rows: int) -> Re
         (lambda g, i: RelativeState(out[i] * radius[i, None], along[i] * g[:, None], sun[i]), 0.0, 2.0 * fastest),
     ]
     found = [_edges(run, line, np.linspace(low, high, _GRID), rows) for line, low, high in lines]
-    return joined_states(found)
+    return RelativeState.joined(found)
 
 
 def _edges(

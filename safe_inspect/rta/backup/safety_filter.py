@@ -99,6 +99,7 @@ class BackupFilter(SafetyFilter):
     speed. See `return_control`.
 
     Attributes:
+        codes: For each code of compiled rows, the index of the constraint in `names`.
         tracker: Controller that tracks the plans under a disturbance; None for an exact model.
         tube: Margins of the tube; see `FilterModel.tube`.
         starting: Margins for real initial states; see `starting_tube`.
@@ -162,7 +163,7 @@ class BackupFilter(SafetyFilter):
             if COLLISION not in codes and other in codes:
                 codes[COLLISION] = codes[other]
                 kept[NAMES[COLLISION]] = ChiefCollision.from_parameters(self.parameters)
-        self._codes = codes
+        self.codes = codes
         self.further = KernelTable(further)
         self._tables = build_model(self.parameters, kept)
         self.tracker: PlanTracker | None = None
@@ -228,17 +229,15 @@ class BackupFilter(SafetyFilter):
             self._model, state.position, state.velocity, state.sun_angle, desired,
             self.intervention == "nearest", gain, plans, control, refused, stage,
         )  # fmt: skip
-        active: IntArray = np.zeros(count, np.int64)
-        for code, j in self._codes.items():
-            active |= (refused >> code & 1) << j
         result = FilterResult(
             control=control,
             intervening=differs(control, desired),
             infeasible=stage == rows.RETURN,
             backup=stage == rows.BACKUP,
-            active=active,
+            active=self.active(refused, self.codes),
             phi=self.phi(state),
             names=self.names,
+            memory={} if self.tracker is None else {"plan": plans},
         )
         return result, plans
 

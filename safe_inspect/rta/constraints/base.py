@@ -14,14 +14,64 @@ from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.rows import RowKernels
 from safe_inspect.simulators.arrays import for_kernel
-from safe_inspect.types import FloatArray
+from safe_inspect.types import BoolArray, FloatArray
 
 #: Row kernel of a half-space: takes parameters, a state (6,) and an array (6,) for the direction; returns the need.
 HalfSpace = Callable[[Any, Any, Any], float]
 
 
 @dataclass(frozen=True, eq=False)
-class RelativeState:
+class Motion:
+    """Positions, velocities and sun angles of a batch, whose arrays are contiguous and writable, as compiled rows need.
+
+    Class attributes:
+        row: What a row of the batch is called in messages.
+
+    Attributes:
+        position: Position relative to the chief [m], Hill frame, shape (N, ..., 3).
+        velocity: Velocity relative to the chief [m/s], Hill frame, shape (N, ..., 3).
+        sun_angle: Sun angle [rad], shape (N,).
+    """
+
+    row: ClassVar[str] = "row"
+
+    position: FloatArray
+    velocity: FloatArray
+    sun_angle: FloatArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays contiguous and writable."""
+        for field in ("position", "velocity", "sun_angle"):
+            object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def finite(self) -> BoolArray:
+        """The rows in which every number is finite, shape (N,)."""
+        axes = tuple(range(1, self.position.ndim))
+        finite = np.isfinite(self.position).all(axis=axes) & np.isfinite(self.velocity).all(axis=axes)
+        return np.asarray(finite & np.isfinite(self.sun_angle))
+
+    def __getitem__(self, rows: Any) -> Self:
+        """Return the selected rows (a mask, a slice or an array of indices)."""
+        return type(self)(*(array[rows] for array in vars(self).values()))
+
+    @classmethod
+    def joined(cls, states: Iterable[Self]) -> Self:
+        """Return the rows of several states, one after the other."""
+        return cls(*map(np.concatenate, zip(*(vars(state).values() for state in states), strict=True)))
+
+    def unless(self, accepted: Callable[[Self], BoolArray]) -> BoolArray:
+        """Return the mask of the rows that are not finite, or that a function does not accept, shape (N,)."""
+        rejected, whole = ~self.finite, self.finite
+        rejected[whole] = ~accepted(self[whole])
+        return rejected
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeState(Motion):
     """Motion of R deputies relative to the chief, and the sun angle.
 
     Attributes:
@@ -34,32 +84,15 @@ class RelativeState:
         ValueError: The shapes do not match.
     """
 
-    position: FloatArray
-    velocity: FloatArray
-    sun_angle: FloatArray
-
     def __post_init__(self) -> None:
-        """Make the arrays contiguous and writable, as the compiled rows require, and check their shapes."""
-        for field in ("position", "velocity", "sun_angle"):
-            object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
+        """Make the arrays contiguous and writable, and check their shapes."""
+        super().__post_init__()
         rows = len(self.position)
         if self.position.shape != (rows, 3) or self.velocity.shape != (rows, 3) or self.sun_angle.shape != (rows,):
             raise ValueError(
                 f"expected a relative state with position (R, 3), velocity (R, 3) and sun_angle (R,), "
                 f"got {self.position.shape}, {self.velocity.shape} and {self.sun_angle.shape}"
             )
-
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def __getitem__(self, rows: Any) -> RelativeState:
-        """Return the selected rows (a mask, a slice or an array of indices)."""
-        return RelativeState(self.position[rows], self.velocity[rows], self.sun_angle[rows])
-
-
-def joined_states(states: Iterable[RelativeState]) -> RelativeState:
-    """Return the rows of several states, one after the other."""
-    return RelativeState(*map(np.concatenate, zip(*(vars(state).values() for state in states), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ the deceleration is twice that of one.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping, Set
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -273,7 +274,32 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
 DEPUTY_RADIUS = 5.0
 
 
-class DeputyCollision(Constraint, name="deputy_collision"):
+class PairConstraint(Constraint):
+    """Base class of constraints between two deputies: a constraint about the chief, with the other one in its place.
+
+    The `RelativeState` is that of one deputy relative to the other. The filter of a team enforces a constraint whose
+    `about_other` is a `ChiefCollision` or a `PassivelySafeManoeuvre`, one of each at most.
+
+    Attributes:
+        deputy_radius: Radius r_d about each deputy [m].
+    """
+
+    unit: ClassVar[str] = "m"
+    pair: ClassVar[bool] = True
+
+    deputy_radius: PositiveLength = DEPUTY_RADIUS
+
+    @property
+    @abstractmethod
+    def about_other(self) -> Constraint:
+        """Constraint on the relative motion, with the other deputy in place of the chief."""
+
+    def evaluate(self, state: RelativeState) -> ConstraintValues:
+        """Return phi, h and the derivatives of h, those of `about_other`."""
+        return self.about_other.evaluate(state)
+
+
+class DeputyCollision(PairConstraint, name="deputy_collision"):
     """Constraint that both deputies can brake in time: h = sqrt(4 a (d - 2 r_d)) + dp.dv / d, phi = d - 2 r_d.
 
     Attributes:
@@ -281,11 +307,8 @@ class DeputyCollision(Constraint, name="deputy_collision"):
         max_acceleration: Deceleration a that each deputy guarantees [m/s^2].
     """
 
-    unit: ClassVar[str] = "m"
     from_task: ClassVar[Mapping[str, str]] = {"max_acceleration": "max_acceleration"}
-    pair: ClassVar[bool] = True
 
-    deputy_radius: PositiveLength = DEPUTY_RADIUS
     max_acceleration: PositiveAcceleration = DEFAULTS.max_acceleration
 
     @cached_property
@@ -293,12 +316,8 @@ class DeputyCollision(Constraint, name="deputy_collision"):
         """Constraint on the relative motion, with the other deputy in place of the chief."""
         return ChiefCollision(collision_radius=2.0 * self.deputy_radius, max_acceleration=2.0 * self.max_acceleration)
 
-    def evaluate(self, state: RelativeState) -> ConstraintValues:
-        """Return phi [m], h [m/s] and the derivatives of h."""
-        return self.about_other.evaluate(state)
 
-
-class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
+class DeputyPassiveSafety(PairConstraint, name="deputy_PSM"):
     """Coasting past the other deputy: h = phi = (least distance over the horizon without thrust) - 2 r_d [m].
 
     Attributes:
@@ -307,12 +326,9 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
         horizon: Duration of coasting [s].
     """
 
-    unit: ClassVar[str] = "m"
     from_task: ClassVar[Mapping[str, str]] = {"mean_motion": "n", "horizon": "psm_horizon"}
-    pair: ClassVar[bool] = True
     uncertified: ClassVar[frozenset[str]] = Constraint.uncertified | {"mean_motion"}
 
-    deputy_radius: PositiveLength = DEPUTY_RADIUS
     mean_motion: PositiveAngularRate = DEFAULTS.n
     horizon: PositiveDuration = DEFAULTS.psm_horizon
 
@@ -321,7 +337,3 @@ class DeputyPassiveSafety(Constraint, name="deputy_PSM"):
         """Constraint on the relative motion, with the other deputy in place of the chief."""
         radius = 2.0 * self.deputy_radius
         return PassivelySafeManoeuvre(collision_radius=radius, mean_motion=self.mean_motion, horizon=self.horizon)
-
-    def evaluate(self, state: RelativeState) -> ConstraintValues:
-        """Return phi [m], h [m] and the derivatives of h."""
-        return self.about_other.evaluate(state)

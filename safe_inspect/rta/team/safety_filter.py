@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.backup.deviations import starting_tube, tube_of
-from safe_inspect.rta.backup.model import FURTHER, PAIR_BIT, FilterModel, build_model
+from safe_inspect.rta.backup.model import PAIR_BIT, FilterModel, build_model
 from safe_inspect.rta.backup.safety_filter import MEMORY, BackupFilter
-from safe_inspect.rta.constraints.base import Constraint, RelativeState
+from safe_inspect.rta.base import TeamFiltered
+from safe_inspect.rta.constraints.base import Constraint, Motion, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.ranges import DEPUTY_RADIUS
-from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_set, name_of
-from safe_inspect.rta.filters import check_used, compiled
+from safe_inspect.rta.constraints.ranges import DEPUTY_RADIUS, PairConstraint
+from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_set
+from safe_inspect.rta.filters import check_used, checked, compiled, differs
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
-#: Constraints of a pair, each with the constraint of a single deputy that applies with the other deputy as the chief.
-PAIR_CONSTRAINTS = {"deputy_collision": "chief_collision", "deputy_PSM": "PSM"}
+_Models = tuple[FilterModel, FilterModel]
 
 
 @dataclass(frozen=True, eq=False)
-class TeamState:
+class TeamState(Motion):
     """Motion of the D deputies of N environments relative to the chief, and the sun angle.
 
     Attributes:
@@ -38,15 +38,13 @@ class TeamState:
         ValueError: The shapes do not match, or a number is not finite.
     """
 
-    position: FloatArray
-    velocity: FloatArray
-    sun_angle: FloatArray
+    row: ClassVar[str] = "environment"
+
     coasting: BoolArray | None = None
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous and writable, as the compiled rows require, and check them."""
-        for field in ("position", "velocity", "sun_angle"):
-            object.__setattr__(self, field, for_kernel(getattr(self, field), np.float64))
+        """Make the arrays contiguous and writable, and check their shapes."""
+        super().__post_init__()
         shape = self.position.shape[:2]
         coasting = np.zeros(shape, np.bool_) if self.coasting is None else self.coasting
         object.__setattr__(self, "coasting", for_kernel(coasting, np.bool_))
@@ -60,24 +58,11 @@ class TeamState:
                 f"got {self.position.shape}, {self.velocity.shape}, {self.sun_angle.shape} and {self.fixed.shape}"
             )
 
-    def __len__(self) -> int:
-        return len(self.position)
-
-    def __getitem__(self, rows: Any) -> TeamState:
-        """Return the selected environments (a mask, a slice or an array of indices)."""
-        return TeamState(self.position[rows], self.velocity[rows], self.sun_angle[rows], self.fixed[rows])
-
     @property
     def fixed(self) -> BoolArray:
         """Deputies that coast unconditionally, shape (N, D)."""
         assert self.coasting is not None
         return self.coasting
-
-    @property
-    def finite(self) -> BoolArray:
-        """Environments in which every number is finite, shape (N,)."""
-        finite = np.isfinite(self.position).all(axis=(1, 2)) & np.isfinite(self.velocity).all(axis=(1, 2))
-        return np.asarray(finite & np.isfinite(self.sun_angle))
 
     def alone(self, deputy: int) -> RelativeState:
         """Return the motion of one deputy relative to the chief."""
@@ -91,25 +76,25 @@ class TeamState:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class TeamResult:
-    """Effect of the filter on the joint controls of N environments.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TeamResult(TeamFiltered):
+    """Effect of the filter on the joint controls of N environments; see `TeamFiltered`.
 
     Attributes:
-        control: Thrusts to hold [N], Hill frame, shape (N, D, 3).
-        infeasible: Environments without a joint backup plan, for which nothing is guaranteed, shape (N,).
-        backup: Environments in which the backup determined the thrusts, shape (N,).
         active: Bits of the constraints that rejected a deputy's desired thrust, bit j for the j-th name, shape (N, D).
-        plan: Joint plan of the next state, for the next call; zeros where there is none, shape (N, D).
-        tracks: Plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance.
     """
 
-    control: FloatArray
-    infeasible: BoolArray
-    backup: BoolArray
     active: IntArray
-    plan: IntArray
-    tracks: FloatArray | None = None
+
+    @property
+    def plan(self) -> AnyArray:
+        """Joint plan of the next state, for the next call; zeros where there is none, shape (N, D)."""
+        return self.memory["plan"]
+
+    @property
+    def tracks(self) -> FloatArray | None:
+        """Plans that are tracked, for the next call, shape (N, D, 10); None without a disturbance."""
+        return self.memory.get("tracks")
 
 
 class TeamFilter:
@@ -162,28 +147,34 @@ class TeamFilter:
 
         Args:
             parameters: Parameters by name, as in safe-autonomy-sims; see `ConstraintParameters`.
-            names: Constraints of the single filter and those of `PAIR_CONSTRAINTS`, by name or built.
+            names: Constraints of the single filter and `PairConstraint`s, by name or built.
             deputy_radius: Radius about each deputy [m], the default of constraints between deputies.
             disturbance: Bounds of each deputy's disturbances, as with `BackupFilter`; None: an exact model.
 
         Raises:
             ValueError: An argument is wrong, or a constraint is one that the filter cannot enforce.
         """
-        entries = tuple(names)
-        self.names = tuple(map(name_of, entries))
+        entries, p = tuple(names), ConstraintParameters.of({} if parameters is None else parameters)
         self.deputy_radius = float(deputy_radius)
-        own = [entry for entry in entries if name_of(entry) not in PAIR_CONSTRAINTS]
-        self.alone = BackupFilter(parameters, own, disturbance=disturbance)
-        p = self.alone.parameters
-        between = [entry for entry in entries if name_of(entry) in PAIR_CONSTRAINTS]
-        check_used(between)
-        self.pair_constraints = constraint_set(p, between, self.deputy_radius)
-        far, about = self.alone.limit("r_max", "r_max"), {}
-        pair: Any
+        built = constraint_set(p, entries, self.deputy_radius)
+        check_used(entries)
+        self.names = tuple(built)
+        self.pair_constraints = {name: one for name, one in built.items() if isinstance(one, PairConstraint)}
+        own = [entry for entry, name in zip(entries, built, strict=True) if name not in self.pair_constraints]
+        self.alone = BackupFilter(p, own, disturbance=disturbance)
+        far = self.alone.limit("r_max", "r_max")
+        about: dict[str, Constraint] = {}
+        between: dict[str, str] = {}
         for name, pair in self.pair_constraints.items():
             if pair.deputy_radius >= far:
                 raise ValueError(f"the deputy_radius {pair.deputy_radius} m of {name} must be less than r_max, {far} m")
-            about[PAIR_CONSTRAINTS[name]] = pair.about_other
+            other = pair.about_other.registered_name
+            if other not in (NAMES[COLLISION], NAMES[PSM]) or other in about:
+                raise ValueError(
+                    f"the team's filter cannot enforce {name!r}, whose `about_other` is a constraint {other!r}: it "
+                    f"takes one {NAMES[COLLISION]!r} and one {NAMES[PSM]!r}; remove it"
+                )
+            about[other], between[other] = pair.about_other, name
         one, two = build_model(p, self.alone.constraints), build_model(p, about)
         self._models = self._starts = one, two
         if self.alone.tracker is not None:
@@ -192,14 +183,12 @@ class TeamFilter:
             self._models = one._replace(tube=self.alone.tube), two._replace(tube=tube)
             self._starts = one._replace(tube=self.alone.starting), two._replace(tube=starting)
         self._pairs = bool(about)
-        codes = {name: NAMES.index(name) for name in self.names if name in NAMES}
-        codes |= {name: FURTHER + k for k, name in enumerate(name for name in self.alone.names if name not in NAMES)}
-        codes |= {name: PAIR_BIT + (PAIR_CONSTRAINTS[name] == NAMES[PSM]) for name in self.pair_constraints}
-        self._codes = {codes[name]: j for j, name in enumerate(self.names)}
-        for narrow, wide in ((COLLISION, PSM), (PAIR_BIT, PAIR_BIT + 1)):
-            if narrow not in self._codes and wide in self._codes:
-                # A plan that comes too near then violates passive safety.
-                self._codes[narrow] = self._codes[wide]
+        codes = {code: self.alone.names[j] for code, j in self.alone.codes.items()}
+        # Without a constraint on the distance now, a plan that comes too near violates passive safety.
+        for bit, code in ((PAIR_BIT, PSM), (PAIR_BIT + 1, PSM), (PAIR_BIT, COLLISION)):
+            if NAMES[code] in between:
+                codes[bit] = between[NAMES[code]]
+        self._codes = {code: self.names.index(name) for code, name in codes.items()}
 
     def __call__(
         self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None, tracks: FloatArray | None = None
@@ -216,7 +205,7 @@ class TeamFilter:
             ValueError: The shapes differ, or a number is not finite.
         """
         shape = state.position.shape
-        desired = _checked(state, desired)
+        desired = checked(state, desired, state.fixed)
         memory = np.zeros(shape[:2], np.int64) if plan is None else np.array(plan, np.int64, order="C")
         if memory.shape != shape[:2]:
             raise ValueError(f"the plans of {shape[0]} environments must have shape {shape[:2]}, got {memory.shape}")
@@ -231,20 +220,22 @@ class TeamFilter:
             self._model, (state.position, state.velocity, state.sun_angle), desired, state.fixed, memory,
             gain, tracked, control, refused, stage,
         )  # fmt: skip
-        active: IntArray = np.zeros(shape[:2], np.int64)
-        for code, j in self._codes.items():
-            active |= (refused >> code & 1) << j
         return TeamResult(
-            control, stage == rows.RETURN, stage == rows.BACKUP, active, memory, tracked if len(tracked) else None
-        )  # fmt: skip
+            control=control,
+            intervening=differs(control, desired) & ~state.fixed,
+            infeasible=stage == rows.RETURN,
+            backup=stage == rows.BACKUP,
+            active=self.alone.active(refused, self._codes),
+            memory={"plan": memory} | ({} if self.alone.tracker is None else {"tracks": tracked}),
+        )
 
     def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
         """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
-        return self._find_plans(state, self._models)
+        return self._plans(state, self._models)
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
-        return self._find_plans(state, self._starts)[0]
+        return self._plans(state, self._starts)[0]
 
     def looks(self, state: TeamState) -> Iterator[tuple[str, Constraint, RelativeState]]:
         """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair."""
@@ -271,30 +262,14 @@ class TeamFilter:
     def _model(self) -> Any:
         return self._built(self._models)
 
-    def _built(self, models: tuple[FilterModel, FilterModel]) -> Any:
+    def _built(self, models: _Models) -> Any:
         one, pair = models
         return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
 
-    def _find_plans(
-        self, state: TeamState, models: tuple[FilterModel, FilterModel]
-    ) -> tuple[BoolArray, FloatArray, IntArray]:
+    def _plans(self, state: TeamState, models: _Models) -> tuple[BoolArray, FloatArray, IntArray]:
         shape = state.position.shape
         out, control, memory = np.empty(len(state), np.bool_), np.zeros(shape), np.zeros(shape[:2], np.int64)
         compiled("team.rows").plan_team_rows(
             self._built(models), (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out
         )
         return out, control, memory
-
-
-def _checked(state: TeamState, desired: FloatArray) -> FloatArray:
-    """Return the desired thrusts as an array that the compiled rows accept, zero for deputies that coast."""
-    desired = np.array(desired, dtype=np.float64, order="C")
-    if desired.shape != state.position.shape:
-        raise ValueError(f"desired thrusts must have the shape {state.position.shape}, got {desired.shape}")
-    desired[state.fixed] = 0.0
-    finite = state.finite & np.isfinite(desired).all(axis=(1, 2))
-    if not finite.all():
-        row = int(np.argmin(finite))
-        what = "state" if not state.finite[row] else "desired thrusts"
-        raise ValueError(f"the {what} of environment {row} contain a number that is not finite; check what computed it")
-    return desired
