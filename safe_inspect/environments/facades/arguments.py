@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import secrets
 import warnings
 from collections.abc import Collection, Iterable, Mapping
 from numbers import Integral, Real
@@ -100,11 +99,6 @@ def check_keywords(
         problems.append(f"{made.__name__}() got an unexpected keyword argument {name!r}; {hint}")
     if problems:
         raise KeywordError("\n".join(problems))
-
-
-def fresh_seed() -> int:
-    """Return a seed from the operating system, for an environment without a given seed."""
-    return secrets.randbits(64)
 
 
 def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()) -> None:

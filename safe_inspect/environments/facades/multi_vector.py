@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -17,7 +18,6 @@ from safe_inspect.environments.facades.arguments import (
     checked_autoreset,
     checked_gamma,
     checked_slot,
-    fresh_seed,
     masked_rows,
 )
 from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions
@@ -119,7 +119,7 @@ class MultiAgentVectorEnv:
         rows = masked_rows(options, self.num_envs, seed)
         if rows is None:
             if seed is None and self.np_random_seed is None:
-                seed = fresh_seed() if self._seed is None else self._seed
+                seed = secrets.randbits(64) if self._seed is None else self._seed
             if seed is not None:
                 self.np_random_seed = checked_seed(seed)
             self._observations = list(self.core.reset(seed=seed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -12,8 +13,8 @@ from pettingzoo import ParallelEnv
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import current_infos, info_row, step_info
-from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot, fresh_seed
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered, new_rendering
+from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered
 from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions, space_of
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
@@ -61,10 +62,9 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
     ) -> None:
         self._gamma = checked_gamma(gamma)
-        self.render_mode = render_mode
         self.np_random_seed: int | None = None
         self.core = TeamEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
-        self._view = new_rendering(self.core, render_mode)
+        self._draw_as(render_mode, self.core)
         self._controlled = AgentsByName(self.core)
         self.possible_agents = list(self._controlled.places)
         self.agents: list[str] = []
@@ -100,7 +100,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
             options: Ignored, since there are no options and PettingZoo's own environment test passes one.
         """
         if seed is None and self.np_random_seed is None:
-            seed = fresh_seed()
+            seed = secrets.randbits(64)
         if seed is not None:
             self.np_random_seed = checked_seed(seed)
         observations = self.core.reset(seed=seed)

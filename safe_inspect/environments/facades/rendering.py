@@ -128,46 +128,40 @@ class Rendering:
 
 
 class Rendered:
-    """The method `render` of environments of one slot, for Gymnasium and for PettingZoo."""
+    """The method `render` of environments, for Gymnasium and for PettingZoo."""
 
     _view: Rendering | None = None
 
+    def _draw_as(self, render_mode: str | None, environment: TeamEnvironment) -> None:
+        """Set the render mode; without one, there are no images.
+
+        Raises:
+            ValueError: The mode is unknown.
+            MissingLibraryError: Pillow is not installed.
+        """
+        self.render_mode = render_mode
+        if render_mode is None:
+            return
+        if render_mode != RENDER_MODE:
+            raise ValueError(f"render_mode must be {RENDER_MODE} or None, not {render_mode!r}")
+        try:
+            import PIL  # noqa: F401
+        except ModuleNotFoundError:
+            raise MissingLibraryError("rendering needs Pillow; install it with: pip install pillow") from None
+        self._view = Rendering(environment)
+
     def render(self) -> Any:
-        """Return the image of the current state, uint8, shape (480, 480, 3).
+        """Return the image of the current state, uint8, shape (480, 480, 3); of a batch, a tuple of them.
 
         Raises:
             SafeInspectError: The environment was made without a render mode, or no episode has started.
         """
-        return require_rendering(self._view).picture()
+        if self._view is None:
+            raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array'")
+        return self._pictures(self._view)
 
-
-def new_rendering(environment: TeamEnvironment, render_mode: str | None) -> Rendering | None:
-    """Return the rendering of a batch; None without a render mode.
-
-    Raises:
-        ValueError: The mode is unknown.
-        MissingLibraryError: Pillow is not installed.
-    """
-    if render_mode is None:
-        return None
-    if render_mode != RENDER_MODE:
-        raise ValueError(f"render_mode must be {RENDER_MODE} or None, not {render_mode!r}")
-    try:
-        import PIL  # noqa: F401
-    except ModuleNotFoundError:
-        raise MissingLibraryError("rendering needs Pillow; install it with: pip install pillow") from None
-    return Rendering(environment)
-
-
-def require_rendering(view: Rendering | None) -> Rendering:
-    """Return a rendering after checking that it is not None.
-
-    Raises:
-        SafeInspectError: There is no rendering.
-    """
-    if view is None:
-        raise SafeInspectError("nothing is rendered: make the environment with render_mode='rgb_array'")
-    return view
+    def _pictures(self, view: Rendering) -> Any:
+        return view.picture()
 
 
 def _round_radius(reach: float) -> float:

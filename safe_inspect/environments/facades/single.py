@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from typing import Any
 
 import gymnasium
@@ -15,9 +16,8 @@ from safe_inspect.environments.facades.arguments import (
     check_options,
     checked_gamma,
     checked_slot,
-    fresh_seed,
 )
-from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered, new_rendering
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.errors import ArgumentError, SafeInspectError
 from safe_inspect.types import Observation
@@ -46,14 +46,13 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
     def __init__(
         self, spec: EnvironmentSpec, *, slot: int = 0, gamma: float = 1.0, render_mode: str | None = None
     ) -> None:
-        self.render_mode = render_mode
         require_one_agent(spec, "InspectionEnv", "make_parallel")
         self.core = BatchedEnvironment(spec, 1, first_slot=checked_slot(slot, "slot"))
         self.observation_space = box(self.core.observation_layout)
         self.action_space = action_space(self.core.action_layout)
         self._seeded = self._running = False
         self._gamma = checked_gamma(gamma)
-        self._view = new_rendering(self.core.team, render_mode)
+        self._draw_as(render_mode, self.core.team)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -70,7 +69,7 @@ class InspectionEnv(Rendered, gymnasium.Env[Observation, Any]):
         """
         check_options(options)
         if seed is None and not self._seeded:
-            seed = fresh_seed()
+            seed = secrets.randbits(64)
         super().reset(seed=seed)
         self._seeded = True
         observation = self.core.reset(seed=seed)[0, 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from numbers import Integral
 from typing import Any
 
@@ -20,16 +21,9 @@ from safe_inspect.environments.facades.arguments import (
     checked_autoreset,
     checked_gamma,
     checked_slot,
-    fresh_seed,
     masked_rows,
 )
-from safe_inspect.environments.facades.rendering import (
-    RENDER_FPS,
-    RENDER_MODE,
-    Rendering,
-    new_rendering,
-    require_rendering,
-)
+from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered, Rendering
 from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.errors import ArgumentError, SafeInspectError
@@ -39,7 +33,7 @@ from safe_inspect.types import AnyArray, BoolArray, Observation
 _OF_RESETS = {"rta/phi_min": np.inf, DISCOUNT: 1.0}
 
 
-class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
+class InspectionVectorEnv(Rendered, gymnasium.vector.VectorEnv[Observation, Observation, AnyArray]):
     """N environments that step together, each with one agent.
 
     Infos contain arrays of N rows: ``inspected_count``, ``inspected_fraction``, ``own_inspected_count``, ``delta_v``
@@ -61,8 +55,6 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         render_mode: ``rgb_array``: `render` returns images; None: it raises an error.
     """
 
-    _view: Rendering | None = None
-
     def __init__(
         self,
         spec: EnvironmentSpec,
@@ -75,7 +67,6 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         render_mode: str | None = None,
     ) -> None:
         self._gamma = checked_gamma(gamma)
-        self.render_mode = render_mode
         require_one_agent(spec, "InspectionVectorEnv", "make_parallel_vec or make_parallel")
         self.num_envs = num_envs
         self.core = BatchedEnvironment(spec, num_envs, seed=seed, first_slot=checked_slot(first_slot, "first_slot"))
@@ -89,7 +80,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         self._begun = self._closed = False
         self._everyone = np.ones(num_envs, dtype=np.bool_)
         self._everyone.flags.writeable = False
-        self._view = new_rendering(self.core.team, render_mode)
+        self._draw_as(render_mode, self.core.team)
         self._ended: BoolArray = np.ones(num_envs, dtype=np.bool_)
         self._observation = np.zeros(self.observation_space.shape or (), dtype=np.float32)
 
@@ -112,7 +103,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
         rows = masked_rows(options, self.num_envs, one)
         if rows is None:
             if one is None and not self._begun:
-                one = fresh_seed() if self._seed is None else self._seed
+                one = secrets.randbits(64) if self._seed is None else self._seed
             super().reset(seed=None if one is None else checked_seed(one))
             self._observation = self.core.reset(seed=one)[:, 0]
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
@@ -176,13 +167,7 @@ class InspectionVectorEnv(gymnasium.vector.VectorEnv[Observation, Observation, A
             infos |= self._drawn(mask)  # TorchRL needs the names of the first reset in every step
         return self._observation.copy(), reward, terminated, truncated, infos
 
-    def render(self) -> Any:
-        """Return an image of each environment, uint8, shape (480, 480, 3).
-
-        Raises:
-            SafeInspectError: The batch was made without a render mode, or no episode has started.
-        """
-        view = require_rendering(self._view)
+    def _pictures(self, view: Rendering) -> Any:
         return tuple(view.picture(row) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
