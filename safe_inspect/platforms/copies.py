@@ -22,11 +22,11 @@ def copy_difference(one: FloatArray, other: FloatArray, reading: FloatArray) -> 
 
 
 @njit
-def copy_turned(orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
-    """Write ``R(q) v`` for an attitude q, shape (4,), and a vector v, shape (3,)."""
+def copy_turned(bound: float, orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
+    """Write ``R(q) v`` for an attitude q, shape (4,), and a vector v, shape (3,), with elements within a bound."""
     turned = rotated(orientation, vector[0], vector[1], vector[2])
     for k in range(3):
-        reading[k] = min(max(turned[k], -1.0), 1.0)
+        reading[k] = min(max(turned[k], -bound), bound)
 
 
 @njit

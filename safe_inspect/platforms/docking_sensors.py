@@ -7,10 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.geometry.distance import distance
 from safe_inspect.platforms.base import Sensor
-from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number
+from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number, copy_turned
 from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, own_estimate
 from safe_inspect.simulators.row_loops import RowTerm
@@ -76,13 +75,6 @@ class ApproachVelocitySensor(SpeedLimit, Sensor, name="Sensor_ApproachVelocity")
         return RowTerm(_approach, (self.limit_line(world), own_estimate("position", world), np.zeros(3)))
 
 
-@njit
-def _in_world(orientation: FloatArray, vector: FloatArray, reading: FloatArray) -> None:
-    turned = rotated(orientation, vector[0], vector[1], vector[2])
-    for k in range(3):
-        reading[k] = turned[k]
-
-
 class MatingPointPositionSensor(Sensor, name="Sensor_MatingPointPosition"):
     """Position of the mating point relative to the agent's own centre [m], shape (R, 3)."""
 
@@ -124,7 +116,8 @@ class TargetAngularVelocitySensor(Sensor, name="Sensor_TargetAngularVelocity"):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes R_WT w [rad/s]."""
-        return RowTerm(_in_world, (EnvironmentArray("target_orientation"), EnvironmentArray("target_angular_velocity")))
+        attitude, rate = EnvironmentArray("target_orientation"), EnvironmentArray("target_angular_velocity")
+        return RowTerm(copy_turned, (np.inf, attitude, rate))
 
 
 class ClearanceSensor(Sensor, name="Sensor_Clearance"):

@@ -102,7 +102,7 @@ class PriorityVectorSensor(Sensor, name="Sensor_PriorityVector"):
         vector = EnvironmentArray("priority_vector")
         if rotating_body(world) is None:
             return RowTerm(copy_vector, (vector,))
-        return RowTerm(copy_turned, (EnvironmentArray("chief_orientation"), vector))
+        return RowTerm(copy_turned, (1.0, EnvironmentArray("chief_orientation"), vector))
 
 
 class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):

@@ -126,11 +126,6 @@ def _copy_bounded(vector: FloatArray, reading: FloatArray) -> None:
 
 
 @njit
-def _constant(x: float, y: float, z: float, reading: FloatArray) -> None:
-    reading[0], reading[1], reading[2] = x, y, z
-
-
-@njit
 def _drift(mean_motion: float, position: FloatArray, velocity: FloatArray, reading: FloatArray) -> None:
     reading[0] = 2.0 * mean_motion * position[0] + velocity[1]
 
@@ -175,7 +170,7 @@ class OrientationUnitVectorSensor(Sensor, name="Sensor_OrientationUnitVector"):
         """Return the kernel that writes the axis [-]."""
         x, y, z = self.initial_sensor_unit_vec
         size = math.hypot(x, y, z)
-        return RowTerm(_constant, (x / size, y / size, z / size))
+        return RowTerm(copy_vector, (np.array((x / size, y / size, z / size)),))
 
 
 class RotatedAxesSensor(Sensor, name="Sensor_RotatedAxes"):
