@@ -81,32 +81,30 @@ class Offers:
 
 
 @dataclass(frozen=True)
-class OfView:
-    """Array of the state with the environment axis, for a `View`: one row for each environment and agent."""
+class _OfState:
+    """An array of the state that plugins read by name."""
 
     name: str
+
+
+class OfView(_OfState):
+    """Array of the state with the environment axis, for a `View`: one row for each environment and agent."""
 
     def __call__(self, view: Any) -> Any:
         """Return the array, shape (R, ...)."""
         return view.per_environment(view.state[self.name])
 
 
-@dataclass(frozen=True)
-class OwnOfView:
+class OwnOfView(_OfState):
     """Array of the state with a deputy axis, for a `View`: the row of each agent is its own entry."""
-
-    name: str
 
     def __call__(self, view: Any) -> Any:
         """Return the array, shape (R, ...)."""
         return view.per_agent(view.state[self.name])
 
 
-@dataclass(frozen=True)
-class OfTeam:
+class OfTeam(_OfState):
     """Array of the state with the environment axis, for a `TeamView`: one row for each environment."""
-
-    name: str
 
     def __call__(self, team: Any) -> Any:
         """Return the array, shape (N, ...)."""
