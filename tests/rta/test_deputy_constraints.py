@@ -7,6 +7,8 @@ import pytest
 
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.rta.constraints import DeputyCollision, DeputyPassiveSafety, RelativeState
+from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PairConstraint
+from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 N = 0.001027
 
@@ -55,3 +57,35 @@ def test_gradients_against_differences(constraint):
         numerical[:, j] = (ends[0] - ends[1]) / 2e-4
     off = np.abs(gradient - numerical).max(axis=1) > 1e-4 * (1.0 + np.abs(gradient).max(axis=1))
     assert off.mean() <= 0.01  # a kink may lie between the two ends
+
+
+class WideBerth(PairConstraint, name="test_wide_berth"):
+    """Deputies stay four radii apart."""
+
+    @property
+    def about_other(self) -> ChiefCollision:
+        return ChiefCollision(collision_radius=4.0 * self.deputy_radius)
+
+
+class Tether(PairConstraint, name="test_tether"):
+    """Deputies stay near to each other, which the team's filter cannot certify."""
+
+    @property
+    def about_other(self) -> MaximumRange:
+        return MaximumRange(r_max=50.0)
+
+
+def test_a_team_enforces_a_pair_constraint_of_another_package() -> None:
+    run = TeamFilter(names=("test_wide_berth",), deputy_radius=5.0)
+    state = TeamState(
+        np.array([[[0.0, 100.0, 0.0], [0.0, 100.0, 12.0]], [[0.0, 100.0, 0.0], [0.0, 100.0, 40.0]]]),
+        np.zeros((2, 2, 3)), np.zeros(2),
+    )  # fmt: skip
+    np.testing.assert_allclose(run.phi(state)["test_wide_berth"], [12.0 - 20.0, 40.0 - 20.0])
+    np.testing.assert_array_equal(run.recoverable(state), [False, True])
+
+
+@pytest.mark.parametrize("names", [("test_tether",), ("deputy_collision", "test_wide_berth")])
+def test_a_team_refuses_pair_constraints_that_it_cannot_certify(names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=f"cannot enforce '{names[-1]}'"):
+        TeamFilter(names=names)
