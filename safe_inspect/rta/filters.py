@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from safe_inspect.rta.constraints.base import Constraint, Motion, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, MotionBatch, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import NAMES, constraint_set, name_of
 from safe_inspect.simulators.arrays import for_kernel
@@ -113,7 +113,7 @@ def check_used(entries: Iterable[str | Constraint]) -> None:
                     )
 
 
-def checked(state: Motion, desired: FloatArray, ignored: BoolArray | None = None) -> FloatArray:
+def checked(state: MotionBatch, desired: FloatArray, ignored: BoolArray | None = None) -> FloatArray:
     """Return the desired controls as an array that the compiled rows accept.
 
     Args:

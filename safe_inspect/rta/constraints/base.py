@@ -21,7 +21,7 @@ HalfSpace = Callable[[Any, Any, Any], float]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionBatch:
     """Positions, velocities and sun angles of a batch, whose arrays are contiguous and writable, as compiled rows need.
 
     Class attributes:
@@ -71,7 +71,7 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class RelativeState(Motion):
+class RelativeState(MotionBatch):
     """Motion of R deputies relative to the chief, and the sun angle.
 
     Attributes:

@@ -20,7 +20,7 @@ from safe_inspect.rta.backup.workspace import Workspace, as_int
 from safe_inspect.rta.constraints.rows import Margins, SunAngle
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.team.plans import farthest_plans
-from safe_inspect.rta.team.tracking import coasts, minus, motion_of, state_of, task_of, tube_about, write_thrust
+from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 
 _NO_MARGINS = Margins(0.0, 0.0, 0.0)
@@ -80,7 +80,7 @@ def cut_holds(
         if coasts(i, j, t) or not (ends or t.code[k] != SAFE):
             continue
         write_thrust(t.control, i, j, t)
-        m, x, same_side, new = task_of(g, j), motion_of(t.x, i, j), own_side or j >= 0, as_int(0)
+        m, x, same_side, new = model_about(g, j), motion_about(t.x, i, j), own_side or j >= 0, as_int(0)
         wide = tube_about(g, margins, as_int(PLAN), i, j, 0.0, 0.0, t)
         if not ends:
             new = cut_hold(m, x, sun, t.u, Refusal(t.code[k], t.at[k]), same_side, wide, s, new)

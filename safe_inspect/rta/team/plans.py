@@ -20,7 +20,7 @@ from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
 from safe_inspect.rta.constraints.rows import Margins, SunAngle, lowest
 from safe_inspect.rta.constraints.sets import COLLISION
-from safe_inspect.rta.team.tracking import coasts, minus, motion_of, state_of, task_of, tube_about, write_thrust
+from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.types import FloatArray
 
@@ -162,7 +162,7 @@ def _pair_safe(
     for axis in range(3):
         t.u[axis] = t.thrust[i, plan, axis] - t.thrust[j, other, axis]
     wide = tube_about(g, margins, as_int(PLAN), i, j, one, two, t)
-    return bool(hold(q, motion_of(x, i, j), sun, t.u, wide, s.cells, s.where) == SAFE)
+    return bool(hold(q, motion_about(x, i, j), sun, t.u, wide, s.cells, s.where) == SAFE)
 
 
 @njit(**BORROWING)
@@ -269,7 +269,7 @@ def tested(
             if j < 0:
                 t.effort[i] = size_of(t.u)
             wide = tube_about(g, margins, as_int(HOLD), i, j, 0.0, 0.0, t)
-            t.code[k] = hold(task_of(g, j), motion_of(t.x, i, j), sun, t.u, wide, s.cells, s.where)
+            t.code[k] = hold(model_about(g, j), motion_about(t.x, i, j), sun, t.u, wide, s.cells, s.where)
             t.at[k] = s.where[0]
         if t.code[k] != SAFE:
             broken = True

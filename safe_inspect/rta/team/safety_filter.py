@@ -13,7 +13,7 @@ from safe_inspect.rta.backup.deviations import starting_tube, tube_of
 from safe_inspect.rta.backup.model import PAIR_BIT, FilterModel, build_model
 from safe_inspect.rta.backup.safety_filter import MEMORY, BackupFilter
 from safe_inspect.rta.base import TeamFiltered
-from safe_inspect.rta.constraints.base import Constraint, Motion, RelativeState
+from safe_inspect.rta.constraints.base import Constraint, MotionBatch, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.ranges import DEPUTY_RADIUS, PairConstraint
 from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_set
@@ -25,7 +25,7 @@ _Models = tuple[FilterModel, FilterModel]
 
 
 @dataclass(frozen=True, eq=False)
-class TeamState(Motion):
+class TeamState(MotionBatch):
     """Motion of the D deputies of N environments relative to the chief, and the sun angle.
 
     Attributes:

@@ -37,13 +37,13 @@ def minus(a: RowState, b: RowState) -> RowState:
 
 
 @njit(**BORROWING)
-def motion_of(x: FloatArray, i: int, j: int) -> RowState:
+def motion_about(x: FloatArray, i: int, j: int) -> RowState:
     """Return the state of a deputy relative to the chief or, if j >= 0, to another deputy."""
     return state_of(x, i) if j < 0 else minus(state_of(x, i), state_of(x, j))
 
 
 @njit(**BORROWING)
-def task_of(g: TeamModel, j: int) -> FilterModel:
+def model_about(g: TeamModel, j: int) -> FilterModel:
     """Return the task of a deputy relative to the chief or, if j >= 0, to another deputy."""
     return g.one if j < 0 else g.pair
 
@@ -88,7 +88,7 @@ def tube_about(
         two: The same of the other one.
         t: Workspace.
     """
-    wide = _beside(task_of(g, j), margins, part, i, one, t)
+    wide = _beside(model_about(g, j), margins, part, i, one, t)
     return wide if j < 0 else _beside(g.pair, wide, part, j, two, t)
 
 
