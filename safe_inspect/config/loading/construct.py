@@ -135,10 +135,8 @@ class Constructor:
                 tree[key] = value
                 tree.marks[key] = place
         for source in merged:
-            for key in source.keys() - tree.keys():
-                tree[key] = source[key]
-                if key in source.marks:
-                    tree.marks[key] = source.marks[key]
+            tree.update({key: value for key, value in source.items() if key not in tree})
+            tree.marks |= {key: mark for key, mark in source.marks.items() if key not in tree.marks}
         return tree
 
     def _sources(self, node: Any, value: Any) -> list[LocatedDict]:
