@@ -14,7 +14,7 @@ from safe_inspect.platforms.sensor_errors import Measured
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import ScriptedPolicy
 from safe_inspect.rewards.base import Reward
-from safe_inspect.rta.base import TeamSafety
+from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulator import Simulator
 
@@ -66,6 +66,11 @@ class AgentSpec:
     def action_glues(self) -> tuple[ActionGlue, ...]:
         """The glues of the action, in its order."""
         return tuple(glue for glue in self.glues if isinstance(glue, ActionGlue))
+
+    @property
+    def safety_filter(self) -> SafetyGlue | None:
+        """The enabled safety filter of the action, or None."""
+        return next((glue for glue in self.action_glues if isinstance(glue, SafetyGlue) and glue.enabled), None)
 
 
 @dataclass(frozen=True)

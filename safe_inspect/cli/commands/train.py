@@ -92,8 +92,7 @@ def _dry_run(experiment: Experiment, steps: int = 20) -> str:
         if over.any():
             environment.reset(np.flatnonzero(over))
     lines = [f"{experiment.source}: built and stepped {steps} times, one action for {experiment.spec.step_size:g} s"]
-    for disturbance in experiment.spec.simulator.disturbance:
-        lines.append(f"disturbance: {disturbance.registered_name}, {_fields(disturbance)}")
+    lines += [f"disturbance: {one.registered_name}, {_fields(one)}" for one in experiment.spec.simulator.disturbance]
     for group in environment.groups:
         lines += _describe(group)
     shared = ", ".join(named.name for named in experiment.spec.shared_dones)
@@ -120,8 +119,8 @@ def _describe(group: AgentGroup) -> list[str]:
         observation, action = group.observation_layout, group.action_layout
         lines = [head, f"observation, {observation.size} elements:", str(observation)]
         lines += [f"action, {action.size} elements:", str(action)]
-    filters = [_named(glue) for glue in agent.action_glues if isinstance(glue, SafetyGlue) and glue.enabled]
-    return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {filters[0] if filters else 'none'}"]
+    safety = "none" if agent.safety_filter is None else _named(agent.safety_filter)
+    return [*lines, f"rewards: {terms}", f"dones: {ends}", f"safety filter: {safety}"]
 
 
 def _fields(plugin: BaseModel) -> str:

@@ -72,10 +72,9 @@ def check_thrusters(agents: Sequence[AgentSpec], team: TeamSafety | None, root: 
         root: Position of the whole configuration.
     """
     filters: list[tuple[Place, str, Any]] = [
-        (root.at("agent_config", index, "config", "config", "glues"), agent.name, glue)
+        (root.at("agent_config", index, "config", "config", "glues"), agent.name, agent.safety_filter)
         for index, agent in enumerate(agents)
-        for glue in agent.action_glues
-        if _filters(glue)
+        if agent.safety_filter is not None
     ]
     if team is not None and team.enabled:
         filters.append((root.at(*ENVIRONMENT_PATH, "rta"), "the team", team))

@@ -65,19 +65,14 @@ def check_agents(config: ExperimentConfig, agents: Sequence[AgentSpec], root: Pl
         text = "the environment's `rta` assumes that ended deputies coast; use `coast`, or disable the filter"
         environment.report(text, "ended_deputies")
     for index, agent in enumerate(agents):
-        if any(isinstance(glue, SafetyGlue) and glue.enabled for glue in agent.action_glues):
+        if agent.safety_filter is not None:
             text = "its safety filter and that of the environment's `rta` are both enabled; disable one of them"
             root.report(text, "agent_config", index, "config", "config", "glues")
 
 
 def safe_initial_states(reset: ResetPlan, agents: Sequence[AgentSpec], environment: EnvironmentConfig) -> ResetPlan:
     """Return the plan that rejects every initial state from which the filters could not keep the deputies safe."""
-    filters = {
-        index: glue
-        for index, agent in enumerate(agents)
-        for glue in agent.action_glues
-        if isinstance(glue, SafetyGlue) and glue.enabled
-    }
+    filters = {index: agent.safety_filter for index, agent in enumerate(agents) if agent.safety_filter is not None}
     lead = filters.get(0)
     if lead is not None:
         reset = replace(reset, parameters=_sampled_with(reset, lead))
