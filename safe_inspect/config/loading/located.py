@@ -116,10 +116,8 @@ def rewritten(source: Any, items: Any = None) -> Any:
 
 def with_marks(pairs: Iterable[tuple[Any, Location | None]], location: Location | None) -> LocatedList:
     """Return the list of some items, each with its location."""
-    items, marks = list(pairs), {}
-    for index, (_, mark) in enumerate(items):
-        if mark is not None:
-            marks[index] = mark
+    items = list(pairs)
+    marks = {index: mark for index, (_, mark) in enumerate(items) if mark is not None}
     return LocatedList([item for item, _ in items], marks, location)
 
 
