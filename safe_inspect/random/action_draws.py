@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,27 +44,6 @@ class DrawRows(NamedTuple):
     agent: IntArray
 
 
-class Distribution(Protocol):
-    """Mapping from the outputs of a policy's network to actions."""
-
-    @property
-    def inputs(self) -> int:
-        """Number of the network's outputs that the distribution uses."""
-
-    def draw(
-        self, inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyArray, log_probability: AnyArray
-    ) -> None:
-        """Sample actions, or take the most likely ones.
-
-        Args:
-            inputs: Outputs of the network, float32, shape (R, I).
-            explore: If False, take the most likely action.
-            rows: The quantities that determine the samples.
-            action: Receives the actions, float32, shape (R, A).
-            log_probability: Receives the logarithms of their probabilities, or densities, float32, shape (R,).
-        """
-
-
 class Gaussian:
     """Independent normal distributions over A real numbers; the most likely action is the mean.
 
@@ -77,11 +56,19 @@ class Gaussian:
 
     @property
     def inputs(self) -> int:
-        """Number of means and logarithms of the standard deviations, 2 A."""
+        """Number of outputs of the network that are used: means and logarithms of the standard deviations, 2 A."""
         return 2 * self.width
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Sample actions; see `Distribution.draw`."""
+        """Sample actions, or take the most likely ones.
+
+        Args:
+            inputs: Outputs of the network, float32, shape (R, I).
+            explore: If False, take the most likely action.
+            rows: The quantities that determine the samples.
+            *out: Receive the actions, float32, shape (R, A), and the logarithms of their probabilities, or densities,
+                float32, shape (R,).
+        """
         draw_gaussian(inputs, explore, rows, *out)
 
 
@@ -92,7 +79,7 @@ class SquashedGaussian(Gaussian):
     """
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Sample actions; see `Distribution.draw`."""
+        """Sample actions; see `Gaussian.draw`."""
         super().draw(inputs, explore, rows, *out)
         np.tanh(out[0], out=out[0])
 
@@ -114,7 +101,7 @@ class Categorical:
         return int(self.sizes.sum())
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Sample actions; see `Distribution.draw`."""
+        """Sample actions; see `Gaussian.draw`."""
         _draw_categorical(inputs, self.sizes, explore, rows, *out)
 
 
@@ -122,7 +109,7 @@ class Greedy(Categorical):
     """The choices with the largest values, the first ones if equal, also with exploration, as for a policy of DQN."""
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Select actions; see `Distribution.draw`."""
+        """Select actions; see `Gaussian.draw`."""
         super().draw(inputs, False, rows, *out)
 
 
@@ -158,8 +145,12 @@ class Hurdle:
         return quiet
 
     def draw(self, inputs: AnyArray, explore: bool, rows: DrawRows, *out: AnyArray) -> None:
-        """Sample actions; see `Distribution.draw`."""
+        """Sample actions; see `Gaussian.draw`."""
         _draw_hurdle(inputs, self.numbers, self.choices, explore, rows, *out)
+
+
+#: A mapping from the outputs of a policy's network to actions.
+Distribution: TypeAlias = Gaussian | Categorical | Hurdle
 
 
 def draw_in_rollout(
@@ -168,7 +159,7 @@ def draw_in_rollout(
     """Return actions for the first episode of every slot, shape (R, A).
 
     Args:
-        distribution: A `Distribution` with its `width`, A.
+        distribution: A `Distribution`.
         inputs: Outputs of the network, float32, shape (R, I).
         explore: If False, take the most likely action.
         seed: Seed of the draws.
@@ -188,18 +179,18 @@ def draw_in_rollout(
     return action.astype(np.float64)
 
 
-def draw_choices(distribution: Any, inputs: AnyArray, seed: int) -> FloatArray:
+def draw_choices(distribution: Distribution, inputs: AnyArray, seed: int) -> FloatArray:
     """Return actions with sampled choices and with the means of the numbers, shape (R, A).
 
     Args:
-        distribution: Any distribution of a policy.
+        distribution: The distribution.
         inputs: Outputs of the network, float32, shape (R, I).
         seed: Seed of the draws.
     """
     rows = np.arange(len(inputs))
-    hurdle = isinstance(distribution, Hurdle)
-    drawn = hurdle or isinstance(distribution, Categorical)
-    inputs = distribution.without_noise(inputs) if hurdle else inputs
+    if isinstance(distribution, Hurdle):
+        inputs = distribution.without_noise(inputs)
+    drawn = isinstance(distribution, Hurdle | Categorical)
     return draw_in_rollout(distribution, inputs, drawn, seed, rows, np.zeros_like(rows), 0)
 
 
@@ -209,10 +200,10 @@ def draw_gaussian(inputs: AnyArray, explore: bool, rows: DrawRows, action: AnyAr
 
     Args:
         inputs: Mean and logarithm of the standard deviation, float32, shape (R, 2 A).
-        explore: See `Distribution.draw`.
-        rows: See `Distribution.draw`.
-        action: See `Distribution.draw`.
-        log_probability: See `Distribution.draw`.
+        explore: See `Gaussian.draw`.
+        rows: See `Gaussian.draw`.
+        action: See `Gaussian.draw`.
+        log_probability: See `Gaussian.draw`.
     """
     count, width = action.shape
     normal = np.empty(4)
@@ -269,10 +260,10 @@ def _draw_categorical(
     Args:
         inputs: Concatenated logits of all elements, float32, shape (R, K_1 + ... + K_A).
         sizes: Number of values of each element, K_1 to K_A, shape (A,).
-        explore: See `Distribution.draw`.
-        rows: See `Distribution.draw`.
-        action: See `Distribution.draw`.
-        log_probability: See `Distribution.draw`.
+        explore: See `Gaussian.draw`.
+        rows: See `Gaussian.draw`.
+        action: See `Gaussian.draw`.
+        log_probability: See `Gaussian.draw`.
     """
     count, width = action.shape
     uniform = np.empty(4)
@@ -305,10 +296,10 @@ def _draw_hurdle(
         inputs: See `Hurdle`, float32, shape (R, 1 + 2 A + K).
         numbers: A.
         choices: K.
-        explore: See `Distribution.draw`.
-        rows: See `Distribution.draw`.
-        action: See `Distribution.draw`.
-        log_probability: See `Distribution.draw`.
+        explore: See `Gaussian.draw`.
+        rows: See `Gaussian.draw`.
+        action: See `Gaussian.draw`.
+        log_probability: See `Gaussian.draw`.
     """
     blocks = (numbers + 3) // 4
     width = 4 * (blocks + 1)  # one additional block of uniform numbers
