@@ -60,9 +60,7 @@ def new_file(path: str | os.PathLike[str], hint: str = "give another file") -> I
 
 
 @contextmanager
-def new_folder(
-    path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
-) -> Iterator[Path]:
+def new_folder(path: str | os.PathLike[str], command: str, *, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder, which is moved to `path` when the block succeeds, and is removed otherwise.
 
     The folder gets the file `MARKER`, which contains the command and lists the files that it wrote. No other files are
@@ -72,22 +70,21 @@ def new_folder(
         path: Path of the folder, which must not exist.
         command: The command that writes the folder, such as ``evaluate``.
         force: Whether `path` may be a folder of the same command; it is replaced when the new one is complete.
-        hint: Advice for the error message.
 
     Raises:
         OutputError: `path` exists and may not be replaced, or the folder cannot be written.
     """
     target = Path(path).expanduser().absolute()
     work, kept = target.parent / f".{target.name}.{secrets.token_hex(4)}.new", False
-    with _explained(path, hint, "folder"):
-        check_new_folder(path, command, force=force, hint=hint)
+    with _explained(path, "give another folder", "folder"):
+        check_new_folder(path, command, force=force)
         with _parent(target):
             try:
                 work.mkdir()
                 yield work
                 mark_folder(work, command, _files(work))
                 try:
-                    check_new_folder(path, command, force=force, hint=hint)
+                    check_new_folder(path, command, force=force)
                 except OutputError as error:
                     kept = True
                     raise OutputError(f"{error}; what was written is in {work}") from None
@@ -97,15 +94,13 @@ def new_folder(
                     shutil.rmtree(work, ignore_errors=True)
 
 
-def check_new_folder(
-    path: str | os.PathLike[str], command: str, *, force: bool = False, hint: str = "give another folder"
-) -> None:
+def check_new_folder(path: str | os.PathLike[str], command: str, *, force: bool = False) -> None:
     """Check in advance that `new_folder` can write a folder; the arguments are the same.
 
     Raises:
         OutputError: `path` exists and may not be replaced.
     """
-    target = Path(path).expanduser().absolute()
+    target, hint = Path(path).expanduser().absolute(), "give another folder"
     if not os.path.lexists(target):
         return
     if target.is_symlink() or not target.is_dir():

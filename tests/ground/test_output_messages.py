@@ -73,16 +73,18 @@ def _damaged_marker(path: Path) -> None:
     ("make", "force", "shown"),
     [
         (lambda path: path.write_text(""), True, "this is a file or a symbolic link, so no folder can be written "
-         "there; give x"),
+         "there; give another folder"),
         (lambda path: path.symlink_to("nowhere"), True, "this is a file or a symbolic link, so no folder can be "
-         "written there; give x"),
-        (_written, False, "the folder exists already; give x, or replace what this command wrote: --force"),
+         "written there; give another folder"),
+        (_written, False, "the folder exists already; give another folder, or replace what this command wrote: "
+         "--force"),
         (lambda path: _written(path, "other"), True, "this folder is not marked as written by `record`, so it is not "
-         "replaced; give x"),
-        (_damaged_marker, True, "this folder is not marked as written by `record`, so it is not replaced; give x"),
-        (_foreign, True, "it contains 'deep/mine' of another origin, so it is not replaced; give x"),
-        (_empty_folder, True, "it contains 'empty' of another origin, so it is not replaced; give x"),
-        (_link_inside, True, "it contains 'link' of another origin, so it is not replaced; give x"),
+         "replaced; give another folder"),
+        (_damaged_marker, True, "this folder is not marked as written by `record`, so it is not replaced; "
+         "give another folder"),
+        (_foreign, True, "it contains 'deep/mine' of another origin, so it is not replaced; give another folder"),
+        (_empty_folder, True, "it contains 'empty' of another origin, so it is not replaced; give another folder"),
+        (_link_inside, True, "it contains 'link' of another origin, so it is not replaced; give another folder"),
         (_written, True, ""),
         (lambda path: None, False, ""),
     ],
@@ -94,7 +96,7 @@ def test_a_folder_is_replaced_by_what_wrote_it_alone(tmp_path: Path, make: Any, 
         check_new_folder(path, "record", force=force)
         return
     with pytest.raises(OutputError) as caught:
-        check_new_folder(path, "record", force=force, hint="give x")
+        check_new_folder(path, "record", force=force)
     assert str(caught.value) == f"{path}: {shown}"
 
 
