@@ -28,7 +28,7 @@ def test_the_limits_of_a_film(
 ) -> None:
     made: list[Any] = []
     episode = trajectory()
-    monkeypatch.setattr(figures, "_episode", lambda arguments: (episode, "T"))
+    monkeypatch.setattr(figures, "_episode", lambda arguments, **_: (episode, "T"))
     monkeypatch.setattr(figures, "Film", lambda *given: given)
 
     def save(film: Any, path: Path, rate: int, _: Any) -> None:
@@ -61,7 +61,7 @@ def trajectory(points: int = 3) -> Any:
 )
 def test_the_title_of_a_page(typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], title: str) -> None:
     titles: list[str] = []
-    monkeypatch.setattr(figures, "_episode", lambda arguments: (trajectory(0), "its title"))
+    monkeypatch.setattr(figures, "_episode", lambda arguments, **_: (trajectory(0), "its title"))
     monkeypatch.setattr(figures, "episode_page", lambda episode, title: titles.append(title))
     monkeypatch.setattr(figures, "save_page", lambda page, path: path.write_text("x" * 2600))
     assert typed("view", "inspector", "--seed", "3", *words)[:2] == (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +111,9 @@ def run_draw(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.source).expanduser()
     if is_mission and _is_campaign(folder):
         return _draw_campaign(arguments, folder)
-    shown, _ = _mission(arguments) if is_mission else _episode(arguments)
+    shown, _ = _episode(arguments, is_mission=is_mission)
     save(mission_figure(shown) if is_mission else trajectory_figure(shown), arguments.output)
-    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
+    return _report(arguments.output, shown, is_mission)
 
 
 def run_film(arguments: argparse.Namespace) -> int:
@@ -133,12 +132,12 @@ def run_film(arguments: argparse.Namespace) -> int:
         find_ffmpeg()
     with EpisodeBar("pictures") as bar:
         bar.show(0, arguments.frames)
-        shown, _ = _mission(arguments) if is_mission else _episode(arguments)
+        shown, _ = _episode(arguments, is_mission=is_mission)
         film = MissionFilm if is_mission else Film
         save_film(
             film(shown, arguments.frames, arguments.width, arguments.turn), arguments.output, arguments.fps, bar.show
         )
-    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
+    return _report(arguments.output, shown, is_mission)
 
 
 def run_view(arguments: argparse.Namespace) -> int:
@@ -150,10 +149,10 @@ def run_view(arguments: argparse.Namespace) -> int:
         safe-inspect view inspector --seed 1 --output episode.html
     """
     is_mission = _prepare(arguments, "html", _PAGES, "page")
-    shown, title = _mission(arguments) if is_mission else _episode(arguments)
+    shown, title = _episode(arguments, is_mission=is_mission)
     page = mission_page if is_mission else episode_page
     save_page(page(shown, arguments.title or title), arguments.output)
-    return _report(arguments.output, outcome_of(shown) if is_mission else _outcome(shown))
+    return _report(arguments.output, shown, is_mission)
 
 
 def run_curves(arguments: argparse.Namespace) -> int:
@@ -187,34 +186,26 @@ def run_curves(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _episode(arguments: argparse.Namespace) -> tuple[Any, str]:
-    """Return the episode of the command line, evaluated or read from a recording, and a title."""
+def _episode(arguments: argparse.Namespace, *, is_mission: bool = False) -> tuple[Any, str]:
+    """Return the episode of the command line, evaluated or recorded, or the recorded mission, and a title."""
     source = Path(arguments.source).expanduser()
-    if source.suffix == ".npz" or (source / TRAJECTORIES).is_file() or is_evaluation(source):
-        episode = _recorded(arguments, source)
-        title = f"{source.name}, episode {episode.slot}"
+    if is_mission:
+        shown: Any = read_mission(arguments.source)
+        title = f"Rendezvous {source.resolve().name}"
+    elif source.suffix == ".npz" or (source / TRAJECTORIES).is_file() or is_evaluation(source):
+        shown = _recorded(arguments, source)
+        title = f"{source.name}, episode {shown.slot}"
     else:
         (candidate,) = open_candidates([arguments.source], Wanted(arguments.cfg, tuple(arguments.overrides)))
-        episode = record_episode(candidate.spec, candidate.policies, arguments.episode, arguments.seed)
+        shown = record_episode(candidate.spec, candidate.policies, arguments.episode, arguments.seed)
         task = candidate.experiment.config.config.config.env_config.TrialName
-        title = f"{source.name}, {task}, episode {episode.slot} of seed {arguments.seed}"
-    return _until(arguments, episode, lambda episode: len(episode.time)), title
-
-
-def _mission(arguments: argparse.Namespace) -> tuple[Any, str]:
-    """Return the recorded mission of the command line, and a title."""
-    record, name = read_mission(arguments.source), Path(arguments.source).resolve().name
-    return _until(arguments, record, lambda record: len(record.arrays["t"])), f"Rendezvous {name}"
-
-
-def _until(arguments: argparse.Namespace, record: Any, steps: Callable[[Any], int]) -> Any:
-    """Return an episode or a mission up to the time of ``--until``, if it is given."""
-    if arguments.until is None:
-        return record
-    record = record.until(arguments.until)
-    if steps(record) < 2:
-        raise SafeInspectError(f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds")
-    return record
+        title = f"{source.name}, {task}, episode {shown.slot} of seed {arguments.seed}"
+    if arguments.until is not None:
+        shown = shown.until(arguments.until)
+        if len(shown.arrays["t"] if is_mission else shown.time) < 2:
+            text = f"--until {arguments.until:g}: no step has ended by then; give a later time in seconds"
+            raise SafeInspectError(text)
+    return shown, title
 
 
 def _recorded(arguments: argparse.Namespace, source: Path) -> Trajectory:
@@ -243,7 +234,8 @@ def _outcome(episode: Trajectory) -> str:
     return f"episode {episode.slot}, {minutes:.1f} min, {inspected}delta-v {delta_v:.3f} m/s"
 
 
-def _report(path: Path, outcome: str) -> int:
+def _report(path: Path, shown: Any, is_mission: bool) -> int:
+    outcome = outcome_of(shown) if is_mission else _outcome(shown)
     print(f"{path}: {outcome}, {path.stat().st_size / 1000.0:.0f} kB")
     return 0
 
