@@ -15,8 +15,6 @@ from typing import Any, ClassVar, TypeAlias
 
 from safe_inspect.cli.common import print_doubts, print_loading, refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
-from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Episodes
 from safe_inspect.evaluation.kept import KeptEpisodes, kept_episodes
@@ -155,8 +153,7 @@ def _experiment(cfg: str | None, overrides: Sequence[str], model: Evaluation | N
         return load_rendezvous(cfg, overrides) if is_rendezvous(cfg) else None
     if model is None or "rendezvous" not in model.record["task"]:
         return None
-    tree = apply_overrides(LocatedDict(model.record["configuration"]), overrides)
-    return build_rendezvous(tree, model.record["configuration_file"])
+    return build_rendezvous(model.record["configuration"], model.record["configuration_file"], overrides)
 
 
 def fly_candidates(

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
+from pydantic import BaseModel
+
 from safe_inspect.config.fields import known_keys, plugin_of
 from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
 from safe_inspect.config.loading.located import LocatedDict, has, rewritten, value_at, with_value
-from safe_inspect.config.models import ExperimentConfig
 
 _TASK = ("config", "config")
 _MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
@@ -52,15 +53,15 @@ def with_configs(node: Any) -> Any:
     return rewritten(node, filled)
 
 
-def may_have(tree: Any, path: tuple[Any, ...], key: str) -> bool:
-    """Return whether the mapping at a path of an experiment may contain a key."""
+def may_have(tree: Any, path: tuple[Any, ...], key: str, model: type[BaseModel]) -> bool:
+    """Return whether the mapping at a path of a configuration with that model may contain a key."""
     if path[:3] == (*_TASK, "rllib_configs") and len(path) == 4:
         return key in _RLLIB or key in old_keys.SPELLINGS
     if path[:2] == _TASK and path[2:] in _RUN:
         return key in _RUN[path[2:]]
     if path[-1:] in (("model_config",), ("model",)):
         return key in _MODEL
-    return key in known_keys(tree, path, ExperimentConfig)
+    return key in known_keys(tree, path, model)
 
 
 def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:

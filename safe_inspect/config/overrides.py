@@ -16,6 +16,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from pydantic import BaseModel
+
 from safe_inspect.config.fields import known_keys
 from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
 from safe_inspect.config.known_places import (
@@ -38,13 +40,14 @@ _INDEX = re.compile(r"\[(\d+)\]")
 Found = tuple[Any, ...]
 
 
-def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
+def apply_overrides(tree: Any, overrides: Iterable[str], model: type[BaseModel] = ExperimentConfig) -> Any:
     """Override values of a tree by those of the command line, in the given order.
 
     Args:
         tree: A loaded configuration.
         overrides: Strings such as ``rllib_config.lr=1e-4`` or ``ObservedPointsReward.config.scale=0.02``;
             the value is YAML.
+        model: The model of the configuration, with the keys that are permitted although no file contains them.
 
     Returns:
         A new tree; the given one is not changed.
@@ -59,7 +62,7 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
             continue
         location = Location(COMMAND_LINE, 0, text=override)
         try:
-            tree = _apply(tree, override, location)
+            tree = _apply(tree, override, location, model)
         except ConfigError as error:
             problems += error.problems
     if problems:
@@ -67,7 +70,7 @@ def apply_overrides(tree: Any, overrides: Iterable[str]) -> Any:
     return tree
 
 
-def _apply(tree: Any, override: str, location: Location) -> Any:
+def _apply(tree: Any, override: str, location: Location, model: type[BaseModel]) -> Any:
     removes = override.startswith("~")
     dotted, equals, text = override.removeprefix("~").partition("=")
     parts = _INDEX.sub(r".\1", dotted.strip()).split(".")
@@ -76,7 +79,7 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         raise ConfigError(Problem("not an override", location=location, hint=hint))
     parts = _with_platform(tree, parts)
     if parts[-1].endswith(APPEND) and not removes:
-        return _appended(tree, parts, text, location)
+        return _appended(tree, parts, text, location, model)
     found = _existing(tree, parts)
     if len(parts) == 1:  # a reference is only the name of a key; the override is for its value
         found = [path for path in found if path[-2:-1] != ("references",)] or found
@@ -84,12 +87,12 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         if len(found) == 1:
             return _removed(tree, found[0])
     elif not found:
-        if dotted in OTHER_WORDS:
+        if dotted in OTHER_WORDS and model is ExperimentConfig:
             hint = f"did you mean `{OTHER_WORDS[dotted]}={text}`?"
             raise ConfigError(Problem(f"`{dotted}` is not a key here", location=location, hint=hint))
         holders = _walk(tree, parts[:-1]) if parts[1:] else []
         found = [(*path, parts[-1]) for path in holders if isinstance(value_at(tree, path), Mapping)]
-        found = found or _missing(tree, parts)
+        found = found or _missing(tree, parts, model)
         if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
             note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
             warnings.warn(note, stacklevel=2)
@@ -97,10 +100,10 @@ def _apply(tree: Any, override: str, location: Location) -> Any:
         return with_value(tree, found[0], parse(text, location), location)
     if found:
         raise ConfigError(_several(with_configs(with_empty_mappings(tree)), parts, found, text, location))
-    raise ConfigError(_unknown(tree, parts, location))
+    raise ConfigError(_unknown(tree, parts, location, model))
 
 
-def _appended(tree: Any, parts: list[str], text: str, location: Location) -> Any:
+def _appended(tree: Any, parts: list[str], text: str, location: Location, model: type[BaseModel]) -> Any:
     """Return the tree with more items at the end of a list."""
     whole = [*parts[:-1], parts[-1].removesuffix(APPEND)]
     lists = [path for path in _existing(tree, whole) if isinstance(value_at(tree, path), list)]
@@ -108,7 +111,7 @@ def _appended(tree: Any, parts: list[str], text: str, location: Location) -> Any
         if stored := _stored(tree, whole):
             hint = f"write `reference_store.{stored}{APPEND}=...`"
             raise ConfigError(Problem(f"`{whole[-1]}` is given by a reference", location=location, hint=hint))
-        problem = _unknown(tree, whole, location)
+        problem = _unknown(tree, whole, location, model)
         raise ConfigError(replace(problem, hint=problem.hint.replace("=...", f"{APPEND}=...")))
     if len(lists) > 1:
         raise ConfigError(_several(tree, whole, lists, "", location))
@@ -164,17 +167,17 @@ def _fits_alone(tree: Any, parts: list[str], path: Found) -> bool:
     return found == [path] if found else _existing(tree, parts[:-1]) == [path[:-1]]
 
 
-def _missing(tree: Any, parts: list[str]) -> list[Found]:
+def _missing(tree: Any, parts: list[str], model: type[BaseModel]) -> list[Found]:
     """Return every match of a path whose key no file has, or has by another of its names."""
     for name in spellings(parts[-1]):
         found = _existing(tree, [*parts[:-1], name])
         if found:
             return found
     filled = with_empty_mappings(tree)
-    return _accepting(filled, parts) or _accepting(with_configs(filled), parts)
+    return _accepting(filled, parts, model) or _accepting(with_configs(filled), parts, model)
 
 
-def _accepting(filled: Any, parts: list[str]) -> list[Found]:
+def _accepting(filled: Any, parts: list[str], model: type[BaseModel]) -> list[Found]:
     """Return the matches of a path whose last mapping is in a tree, if that mapping may have the key."""
     holders = [path for path in _containers(filled) if isinstance(value_at(filled, path), Mapping)]
     if len(parts) > 1:
@@ -182,7 +185,7 @@ def _accepting(filled: Any, parts: list[str]) -> list[Found]:
         holders = [path for path in holders if path in fitting or (path[-1:] == ("config",) and path[:-1] in fitting)]
     for name in spellings(parts[-1]):
         found = _existing(filled, [*parts[:-1], name])
-        found = found or [(*path, name) for path in holders if may_have(filled, path, name)]
+        found = found or [(*path, name) for path in holders if may_have(filled, path, name, model)]
         if found:
             return found
     return []
@@ -212,7 +215,7 @@ def _removed(tree: Any, path: Found) -> Any:
     return with_value(tree, path[:-1], rest, locate(tree, path[:-1]))
 
 
-def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
+def _unknown(tree: Any, parts: list[str], location: Location, model: type[BaseModel]) -> Problem:
     """Return the problem of a path without a match: its first unknown component and similar names."""
     known: set[str] = set()
     if any(True for _ in _steps(tree, parts[0])):
@@ -222,14 +225,14 @@ def _unknown(tree: Any, parts: list[str], location: Location) -> Problem:
         depth, ends = len(parts) - 1, _existing(tree, parts[:-1]) if parts[1:] else []
         holders = [path for path in ends if isinstance(value_at(tree, path), Mapping)]
         places = [*holders, *((*path, "config") for path in holders)]
-        known = {key for path in places for key in known_keys(tree, path, ExperimentConfig)}
+        known = {key for path in places for key in known_keys(tree, path, model)}
     if holders:
         known = known.union(*(_names(value_at(tree, path)) for path in holders))
         message = f"there is no `{parts[depth]}` in `{'.'.join(parts[:depth])}`"
         hint = key_hint(parts[depth], known) if known else ""
         if parts[depth] in known:
             hint = "it is not given here; if a reference gives it, change it in the `reference_store`"
-        if depth == len(parts) - 1 and len(only := _missing(tree, parts[-1:])) == 1:
+        if depth == len(parts) - 1 and len(only := _missing(tree, parts[-1:], model)) == 1:
             place = ".".join(map(str, only[0][:-1]))
             hint = f"the only `{parts[-1]}` is in {place}; if it is meant, write `{parts[-1]}=...`"
         return Problem(message if known else f"{message}, which contains no keys", "", location, hint)

@@ -144,7 +144,7 @@ def load_rendezvous(path: str | os.PathLike[str], overrides: Iterable[str] = ())
     if isinstance(overrides, str):
         raise ConfigError(Problem("overrides must be a list of strings", hint=f"write [{overrides!r}]"))
     texts = list(overrides)
-    tree = apply_overrides(_with_named(_mapping(load(path), path), texts), texts)
+    tree = apply_overrides(_with_named(_mapping(load(path), path), texts), texts, RendezvousConfig)
     return build_rendezvous(_with_absolute_files(tree), os.fspath(path))
 
 
@@ -194,12 +194,13 @@ def is_rendezvous(path: str | os.PathLike[str]) -> bool:
     return bool(keys & parts) and not keys & set(ExperimentConfig.model_fields)
 
 
-def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
+def build_rendezvous(tree: Any, source: str = "", overrides: Iterable[str] = ()) -> Rendezvous:
     """Check a resolved configuration and return its experiment.
 
     Args:
         tree: The resolved configuration.
         source: Name of the file that it was loaded from.
+        overrides: One ``path.of.keys=value`` for each value to replace.
 
     Raises:
         ConfigError: The configuration is not valid; the error lists every mistake.
@@ -208,6 +209,7 @@ def build_rendezvous(tree: Any, source: str = "") -> Rendezvous:
         raise ConfigError(Problem(f"a configuration must be a mapping of keys to values, not {tree!r:.60}"))
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
+    tree = apply_overrides(tree, overrides, RendezvousConfig)
     import_plugins(tree, ("plugin_paths",))
     return Rendezvous(source, tree, validated(RendezvousConfig, tree))
 

@@ -230,3 +230,11 @@ def test_a_file_of_another_kind_is_named() -> None:
     with pytest.raises(ConfigError, match="not a rendezvous experiment: the file has none of the keys"):
         load_rendezvous(SHIPPED.with_name("chaser.yml"))
     assert build_rendezvous({}).config.seed == 0
+
+
+@pytest.mark.parametrize(
+    ("override", "part", "key", "value"),
+    [("time_limit=600 s", "mission", "time_limit", 600.0), ("mass=10 kg", "chaser", "mass", 10.0)],
+)
+def test_a_key_that_no_file_has_is_overridden_by_its_name(override, part, key, value):
+    assert getattr(getattr(load_rendezvous(SHIPPED, [override]).config, part), key) == value

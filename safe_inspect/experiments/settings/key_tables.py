@@ -129,7 +129,7 @@ class KeyTables:
         spellings: Alternative spellings with the usual ones.
         unchecked: Names of further keys, whose values can only be checked once Ray is loaded.
         searchable: Whether values may be searched.
-        defaults: Whether a null stands for the default of a key; otherwise it is a mistake.
+        defaults: Whether a null means the default of a key; otherwise it is a mistake.
         unknown: Message about a key that is in no table, with `{}` for its name.
     """
 
