@@ -116,7 +116,7 @@ def test_the_table_counts_by_room(mutants: Any) -> None:
 
 
 def test_only_files_that_run_a_function_are_tried_on_it(mutants: Any, tmp_path: Path) -> None:
-    module, tests = "safe_inspect/dynamics/tumble.py", ("tests/dynamics",)
+    module, tests = "safe_inspect/dynamics/base.py", ("tests/dynamics",)
     source = (mutants.ROOT / module).read_text(encoding="utf-8")
     lines = mutants.functions_of(source)
     files = [
