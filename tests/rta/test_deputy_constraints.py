@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.cwh import transition
-from safe_inspect.rta.constraints import DeputyCollision, DeputyPassiveSafety, RelativeState
-from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PairConstraint
+from safe_inspect.rta.constraints import DeputyCollision, DeputyPassiveSafety, PairConstraint, RelativeState
+from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange
 from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 
 N = 0.001027

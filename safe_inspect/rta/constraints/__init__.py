@@ -2,7 +2,7 @@
 
 from safe_inspect.rta.constraints.base import Constraint, ConstraintValues, RelativeState
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
-from safe_inspect.rta.constraints.ranges import DeputyCollision, DeputyPassiveSafety
+from safe_inspect.rta.constraints.ranges import DeputyCollision, DeputyPassiveSafety, PairConstraint
 from safe_inspect.rta.constraints.sets import NAMES, constraint_set
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "ConstraintValues",
     "DeputyCollision",
     "DeputyPassiveSafety",
+    "PairConstraint",
     "RelativeState",
     "constraint_set",
 ]
