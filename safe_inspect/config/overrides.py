@@ -239,7 +239,7 @@ def _unknown(tree: Any, parts: list[str], location: Location, model: type[BaseMo
     for path in _containers(tree):
         known |= _names(value_at(tree, path))
     first = next((part for part in parts if part not in known), None)
-    known |= learning_keys(tree)
+    known = known.union(learning_keys(tree), *(known_keys(tree, path, model) for path in _containers(tree)))
     if first is None:
         message = f"no path of the configuration ends in `{'.'.join(parts)}`"
         return Problem(message, "", location, "write it from the root")

@@ -287,7 +287,7 @@ def test_a_word_of_another_library_in_its_mapping():
         load_experiment(SHIPPED, ["tune_config.stop.total_timesteps=4"])
 
 
-@pytest.mark.parametrize("word", ["noise", "weight", "tolerance"])
+@pytest.mark.parametrize("word", ["noise", "softness", "tolerance"])
 def test_what_is_not_near_is_not_suggested(word):
     with pytest.raises(ConfigError, match=f"there is no `{word}` in the configuration; known: "):
         load_experiment(SHIPPED, [f"{word}=1"])

@@ -238,3 +238,8 @@ def test_a_file_of_another_kind_is_named() -> None:
 )
 def test_a_key_that_no_file_has_is_overridden_by_its_name(override, part, key, value):
     assert getattr(getattr(load_rendezvous(SHIPPED, [override]).config, part), key) == value
+
+
+def test_a_misspelt_key_that_no_file_has_is_recognised() -> None:
+    with pytest.raises(ConfigError, match="there is no `time_limt` in the configuration; did you mean `time_limit`"):
+        load_rendezvous(SHIPPED, ["time_limt=5 s"])
