@@ -23,7 +23,7 @@ def clock(monkeypatch):
     now = [0.0, 0.0, 80]
     monkeypatch.setattr(episode_bar.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(episode_bar, "compiling_seconds", lambda: now[1])
-    monkeypatch.setattr(episode_bar.shutil, "get_terminal_size", lambda: os.terminal_size((now[2], 24)))
+    monkeypatch.setattr(episode_bar.shutil, "get_terminal_size", lambda *_, **__: os.terminal_size((now[2], 24)))
     return now
 
 
