@@ -71,16 +71,17 @@ class ShippedPolicy:
         return {agent: loaded[path] for agent, path in self.onnx.items()}
 
 
-def shipped_policies(root: Path = _ROOT) -> tuple[str, ...]:
+def shipped_policies(root: Path | None = None) -> tuple[str, ...]:
     """Return the names of the policies that are part of the package.
 
     Args:
         root: Folder of the policies; the package's own by default.
     """
+    root = _ROOT if root is None else root
     return tuple(sorted(path.parent.name for path in root.glob(f"*/{RECORD}")))
 
 
-def shipped_policy(name: str, root: Path = _ROOT) -> ShippedPolicy:
+def shipped_policy(name: str, root: Path | None = None) -> ShippedPolicy:
     """Return a policy that is part of the package.
 
     Args:
@@ -91,6 +92,7 @@ def shipped_policy(name: str, root: Path = _ROOT) -> ShippedPolicy:
         SafeInspectError: There is no policy of that name.
         CheckpointError: Its record is damaged.
     """
+    root = _ROOT if root is None else root
     names = shipped_policies(root)
     if name not in names:
         hint = "it is a scripted policy: give it as a separate argument, without `--policy`"
