@@ -181,7 +181,7 @@ def ship(
     if not name or Path(name).name != name or name.startswith("."):
         raise OutputError(f"{name!r} is not a name for a policy; give one word, such as translational-inspection")
     target = Path(root) / name
-    with new_folder(target, "ship", force=replace_old, hint="give another name") as work:
+    with new_folder(target, "ship", force=replace_old) as work:
         experiment = load_experiment(configuration)
         text = yaml.safe_dump(portable(experiment.resolved), sort_keys=False, width=120)
         (work / CONFIGURATION).write_text(text, encoding="utf-8")
