@@ -54,7 +54,7 @@ def outcome_of(record: MissionRecord) -> str:
     if not summary.get("success"):
         ending = f"failed after {time:.0f} s: {summary.get('cause') or 'unknown cause'}"
     error = float(record.mating_distance()[-1])
-    near = f"{100.0 * error:.3g} cm" if error >= 0.01 else f"{1000.0 * error:.2g} mm"
+    near = f"{100.0 * error:.3g} cm" if error >= 0.01 else f"{1000.0 * error:.1f} mm"
     if time < float(summary.get("time") or 0.0) - 0.5 * record.config.mission.step:
         ending = f"{record.phases()[-1].phase.value} at {time:.0f} s"  # the record ends before the mission does
     return f"{ending}; least clearance {100.0 * clearance:.1f} cm, {near} from the mating point"
