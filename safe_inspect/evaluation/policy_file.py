@@ -294,11 +294,11 @@ class PolicyInfo:
 
     def metadata(self) -> dict[str, str]:
         """Return the metadata as texts."""
-        told = {"safe_inspect": self.version, "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT)}
+        texts = {"safe_inspect": self.version, "format": str(RECURRENT_FORMAT if self.state else POLICY_FORMAT)}
         for name in _ENTRIES if self.state else _ENTRIES[:-1]:
             value = getattr(self, name)
-            told[name] = value if name in _TEXTS else json.dumps(value, default=asdict)
-        return told
+            texts[name] = value if name in _TEXTS else json.dumps(value, default=asdict)
+        return texts
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> PolicyInfo:

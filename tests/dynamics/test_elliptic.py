@@ -8,13 +8,13 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.special import ellipj, ellipkinc, ellipkm1, elliprf, elliprj
 
-from safe_inspect.dynamics import tumble
+from safe_inspect.dynamics import elliptic
 from safe_inspect.dynamics.coasting import CELL, closed_motion_state, coasting_position, grid
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.dynamics.regulator import regulator
 
 amplitude, complete_first, incomplete_third = (
-    np.vectorize(function) for function in (tumble.amplitude, tumble.complete_first, tumble.incomplete_third)
+    np.vectorize(function) for function in (elliptic.amplitude, elliptic.complete_first, elliptic.incomplete_third)
 )
 COMPLEMENTS = np.array([1e-30, 1e-12, 1e-3, 0.2, 0.7, 1.0])
 ANGLES = np.array([-9.0, -1.6, -0.3, 0.0, 0.5, 1.5, 3.0, 4.8, 11.0])

@@ -62,7 +62,7 @@ def coasts(i: int, j: int, t: TeamWorkspace) -> bool:
 
 
 @njit(**BORROWING)
-def _beside(m: FilterModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace) -> Margins:
+def _widened_for(m: FilterModel, margins: Margins, part: int, i: int, thrust: float, t: TeamWorkspace) -> Margins:
     """Widen margins by the tube of one deputy. One that is fixed is in the tube of the closed motion that it tracks."""
     if t.fixed[i]:
         most = math.sqrt(3.0) * m.u_max
@@ -88,8 +88,8 @@ def tube_about(
         two: The same of the other one.
         t: Workspace.
     """
-    wide = _beside(model_about(g, j), margins, part, i, one, t)
-    return wide if j < 0 else _beside(g.pair, wide, part, j, two, t)
+    wide = _widened_for(model_about(g, j), margins, part, i, one, t)
+    return wide if j < 0 else _widened_for(g.pair, wide, part, j, two, t)
 
 
 @njit(**BORROWING)
