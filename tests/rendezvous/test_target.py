@@ -199,6 +199,7 @@ def test_the_nearest_triangle_of_a_box_gives_the_distance_to_the_box() -> None:
     surface = MeshSurface(mesh_of_boxes(boxes))
     samples = surface.sample(0.02)
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 3))
+    surface.nearest(samples.facing(np.array([0.0, 0.0, 5.0])), points.T)  # other samples before
     triangles, height, beyond = surface.nearest(samples, points.T)
     found = np.sqrt(height**2 + (beyond**2).sum(axis=0))
     exact = boxes.distance(points)
