@@ -22,6 +22,7 @@ from safe_inspect.tasks.docking.speed_limit import (
     region_rule,
 )
 from safe_inspect.tasks.rendezvous.mating import docking_inputs, is_docked, is_in_contact
+from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength, PositiveSpeed
 
@@ -112,7 +113,7 @@ class ContactDoneFunction(DoneFunction):
 
     status: ClassVar[DoneStatus] = DoneStatus.LOSE
 
-    radius: PositiveLength = 0.25
+    radius: PositiveLength = ASTROBEE_RADIUS
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that decides whether the clearance is below the radius."""

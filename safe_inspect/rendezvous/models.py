@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from safe_inspect.config.models import Model
+from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,
@@ -101,7 +102,7 @@ class ChaserConfig(Model):
 
     mass: PositiveMass = 9.583788668  # type: ignore[valid-type]
     inertia: _Moments = (0.153427995, 0.14271405, 0.162302759)
-    radius: PositiveLength = 0.25  # type: ignore[valid-type]
+    radius: PositiveLength = ASTROBEE_RADIUS  # type: ignore[valid-type]
     position: _Vector = (0.0, -1.5, 0.0)
     velocity: _VelocityVector = (0.0, 0.0, 0.0)
     limits: LimitsConfig = LimitsConfig()

@@ -25,6 +25,7 @@ from safe_inspect.tasks.docking.speed_limit import (
     speed_excess,
 )
 from safe_inspect.tasks.rendezvous.mating import docking_error, docking_inputs, is_docked, is_in_contact
+from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, PositiveSpeed
 
@@ -205,7 +206,7 @@ class ContactReward(Reward):
     """
 
     scale: float = Field(default=-1.0, le=0)
-    radius: PositiveLength = 0.25
+    radius: PositiveLength = ASTROBEE_RADIUS
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: scale if the clearance is below the radius, otherwise 0."""

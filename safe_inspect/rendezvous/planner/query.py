@@ -11,6 +11,7 @@ import numpy as np
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.rendezvous.planner.paths import ApproachPath
 from safe_inspect.rendezvous.target.model import Solid
+from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 
 #: Amount by which the clearance may be below the margin between samples, as a fraction of the scenario's length.
@@ -46,7 +47,7 @@ class Limits:
     force: float = 0.30
     torque: float = 0.025
     keep_in: FloatArray = field(default_factory=lambda: np.array([0.8, 3.0, 0.8]))
-    radius: float = 0.25
+    radius: float = ASTROBEE_RADIUS
     line_of_sight_rate: float = 0.17
     mass: float = 9.583788668
     cone: float | None = None

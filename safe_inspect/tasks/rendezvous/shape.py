@@ -11,6 +11,8 @@ from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, Length, PositiveLength
 
+#: Radius of the sphere that contains Astrobee, a cube of 0.32 m: half its diagonal is 0.277 m.
+ASTROBEE_RADIUS = 0.28
 #: A matrix of three rows.
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
