@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.random.streams import Streams
@@ -173,10 +172,6 @@ class _Watch:
 
     def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
         self._glue, self._environment, self._substeps = glue, environment, substeps
-        world = environment.simulation.world
-        self._part = transition(world.mean_motion, 1.0, world.step_size / substeps)
-        self._lit = "sun_angle" in environment.state.arrays
-        self._turn = world.sun_rate * world.step_size / substeps if self._lit else 0.0
         self.names = tuple(glue.safety({name: array[:1] for name, array in self.states().items()}))
         # In the first row at the steps, in the second one between them.
         self.least = np.full((2, len(self.names)), np.inf)
@@ -192,19 +187,14 @@ class _Watch:
     def end(self, control: FloatArray) -> AnyArray:
         """Check the hold that has just ended, and return the safety quantities at its end, shape (N, C)."""
         before, world = self._environment.simulation.before, self._environment.simulation.world
-        position, velocity = before.position[:, 0].copy(), before.velocity[:, 0].copy()
-        acceleration = control / world.masses[0]
         for part in range(1, self._substeps):
-            propagate(position, velocity, acceleration, *self._part, position, velocity)
-            sun = {"sun_angle": before.sun_angle + part * self._turn} if self._lit else {}
-            self.check({"position": position, "velocity": velocity, **sun}, between=True)
+            time = world.step_size * part / self._substeps
+            self.check(self._glue.states_within(before, world, control, time), between=True)
         return self.check(self.states())
 
     def states(self) -> dict[str, FloatArray]:
         """Return the current states by name, as the safety glue takes them."""
-        state = self._environment.state
-        sun = {"sun_angle": state.sun_angle} if self._lit else {}
-        return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], **sun}
+        return self._glue.states(self._environment.state, self._environment.simulation.world)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from safe_inspect.dynamics.cwh import propagate, transition
 from safe_inspect.glues.base import ActionGlue, Bounds, Parts
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.state import ArraySpec
+from safe_inspect.simulators.state import ArraySpec, State
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import FilterResult, View
 from safe_inspect.simulators.world import World
@@ -22,11 +23,18 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray
 class Safety(Plugin):
     """What the safety glue of an agent and the filter of a team have in common.
 
+    Class attributes:
+        dynamics: Registered names of the dynamics for which the filter gives its guarantee; empty: not checked.
+        components: Registered names of the components that the simulator must have.
+
     Attributes:
         enabled: Whether the thrust is filtered. If False, the filter costs nothing.
         undeclared: What happens if components or dynamics declare no `disturbance_bounds` while the filter is enabled:
             ``error`` rejects the experiment, ``warn`` runs it without a guarantee, with a warning that names them.
     """
+
+    dynamics: ClassVar[tuple[str, ...]] = ()
+    components: ClassVar[tuple[str, ...]] = ()
 
     enabled: bool = False
     undeclared: Literal["error", "warn"] = "error"
@@ -105,6 +113,28 @@ class SafetyGlue(Safety, ActionGlue):
             desired: Desired thrust [N], Hill frame, shape (R, 3).
             view: The state at the start of the step.
         """
+
+    def states(self, state: State, world: World) -> dict[str, FloatArray]:
+        """Return the states of the first deputy that `safety` takes, by name, (N, ...)."""
+        sun = {"sun_angle": state.sun_angle} if "sun_angle" in state.arrays else {}
+        return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], **sun}
+
+    def states_within(self, before: State, world: World, control: FloatArray, time: float) -> dict[str, FloatArray]:
+        """Return the states that `safety` takes at a time after the start of a hold, in Clohessy-Wiltshire motion.
+
+        Args:
+            before: The state at the start of the hold.
+            world: The constants.
+            control: Thrust of the first deputy that is held [N], Hill frame, shape (N, 3).
+            time: The time [s].
+        """
+        states = {name: array.copy() for name, array in self.states(before, world).items()}
+        position, velocity, acceleration = states["position"], states["velocity"], control / world.masses[0]
+        phi, gamma = transition(world.mean_motion, 1.0, time)
+        propagate(position, velocity, acceleration, phi, gamma, position, velocity)
+        if "sun_angle" in states:
+            states["sun_angle"] += time * world.sun_rate
+        return states
 
     def for_starts(self) -> SafetyGlue:
         """Return the glue that tests initial states if this one is enabled."""

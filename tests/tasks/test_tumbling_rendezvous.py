@@ -104,7 +104,7 @@ def test_progress_adds_up_to_what_the_docking_error_has_lost():
         paid += told.terms["MatingProgressReward"][:, 0]
         spent += told.terms["FuelReward"][:, 0]
     np.testing.assert_allclose(paid, begun - error(), atol=1e-12)
-    np.testing.assert_allclose(spent, -0.1 * env.state.delta_v[:, 0], atol=1e-12)
+    np.testing.assert_allclose(spent, -env.state.delta_v[:, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("fused", [True, False])
@@ -155,7 +155,7 @@ def test_it_is_made_by_its_id():
 def test_the_controller_docks_and_its_episodes_are_measured():
     spec = with_scripted(load_spec(TASK), "DockingController")
     episodes = rollout(spec, {}, 64, seed=5, num_envs=64)
-    assert (np.asarray(episodes.status) == 1).mean() > 0.9
+    assert (np.asarray(episodes.status) == 1).all()  # the filter prevents the few contacts
 
 
 def test_a_safety_filter_for_orbits_is_refused():

@@ -14,16 +14,17 @@ from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
 from safe_inspect.config.models import AgentEntry, ExperimentConfig
 from safe_inspect.config.report import ENVIRONMENT_PATH, Place
 from safe_inspect.config.spec import AgentSpec
-from safe_inspect.dones.motion import CrashDoneFunction, MaxDistanceDoneFunction
+from safe_inspect.dones.motion import ContactDoneFunction, CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.platforms.base import Controller, Part
 from safe_inspect.platforms.state_sensors import EntityPositionSensor, EntityVelocitySensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.base import SafetyGlue, TeamSafety
-from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.rta.constraints.parameters import FromWorld
 from safe_inspect.rta.docking import RTAGlueCWHDocking3d
 from safe_inspect.rta.rejection_sampler import RejectionSampler
+from safe_inspect.rta.tumbling import RTAGlueTumblingTarget
 from safe_inspect.simulators.resets.parameters import ConstantParameter, SimAttributeAccessor
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulator
@@ -52,7 +53,7 @@ def check_guarantees(config: ExperimentConfig, worlds: Sequence[WorldValues], re
                 text = "this safety filter has no effect, because a glue that does not filter wraps it; list it in "
                 place.report(f"{text}`glues` itself, or enable the outer filter in its place", "enabled")
             _check_filter(plugin, place, config, [world], reset, root)
-            if isinstance(plugin, TaskParameters):  # filters of other packages may use fewer axes
+            if isinstance(plugin, FromWorld):  # filters of other packages may use fewer axes
                 _check_thrusters(entry, place.at("enabled"))
             _check_ends(plugin, entry, inside, config, reset)
     team = config.environment.rta
@@ -181,10 +182,16 @@ def _check_ends(plugin: Any, entry: AgentEntry, inside: Place, config: Experimen
     kept, parts = kept_by(plugin), entry.body.parts
     orbit = config.environment.simulator.compose()[0].offers().get("mean_motion", 0.0)
     far = kept["r_max"].r_max if "r_max" in kept else 0.0
+    if isinstance(plugin, RTAGlueTumblingTarget):
+        far = plugin.r_max
     for index, named in enumerate(entry.body.dones):
         done, place = named.functor, inside.at("dones", index, "config")
         if isinstance(done, CrashDoneFunction) and _check_crash(plugin, done, orbit, place):
             _check_references(done, parts, reset, place)
+        kept_clear = plugin.radius if isinstance(plugin, RTAGlueTumblingTarget) else math.inf
+        if isinstance(done, ContactDoneFunction) and done.radius > kept_clear:
+            text = f"a chaser loses at a clearance of {done.radius:g} m, but the filter only keeps {kept_clear:g} m"
+            place.report(f"{text}; raise the filter's `radius`, or lower this", "radius")
         if isinstance(done, MaxDistanceDoneFunction) and far:
             _check_references(done, parts, reset, place)
             if done.max_distance < far:

@@ -15,7 +15,7 @@ from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import Named
 from safe_inspect.rta.base import SafetyGlue, TeamSafety
-from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.rta.constraints.parameters import FromWorld, TaskParameters
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.resets.plan import ResetPlan
 from safe_inspect.simulators.simulator import Simulator
@@ -26,17 +26,25 @@ WorldValues = Mapping[str, float]
 
 _P = TypeVar("_P", bound=Plugin)
 
-_SOURCES = {"n": "the simulator's `mean_motion`", "step_size": "1 / `frame_rate`", "m": "the platform's `mass`"}
+_SOURCES = {
+    "n": "the simulator's `mean_motion`",
+    "step_size": "1 / `frame_rate`",
+    "m": "the platform's `mass`",
+    "swept_radius": "that of the simulator's bodies",
+}
 
 
 def worlds_of(config: ExperimentConfig, platforms: Mapping[str, Platform]) -> list[WorldValues]:
-    """Return the world of each agent: step, mean motion, mass, and the thrust that its controllers can apply."""
-    offered = config.environment.simulator.compose()[0].offers()
+    """Return the world of each agent: step, orbit, mass, size of the bodies, and thrust of its controllers."""
+    dynamics, components = config.environment.simulator.compose()
+    offered, spheres = dynamics.offers(), [radius for component in components for radius in component.radii.values()]
     worlds: list[WorldValues] = []
     for entry in config.agent_config:
         world = {"step_size": 1.0 / entry.body.frame_rate}
         if "mean_motion" in offered:
             world["n"] = offered["mean_motion"]
+        if spheres:
+            world["swept_radius"] = max(spheres)
         if entry.platforms and entry.platforms[0] in platforms:
             world["m"] = platforms[entry.platforms[0]].mass
         limits = _thrust_limits(entry)
@@ -62,11 +70,11 @@ def common_world(worlds: Sequence[WorldValues]) -> WorldValues:
 
 
 def in_world(plugin: _P, world: WorldValues, place: Place) -> _P:
-    """Return a plugin whose missing fields of `TaskParameters` are taken from the world; other plugins are unchanged.
+    """Return a plugin whose missing fields are taken from the world if it is a `FromWorld`; others are unchanged.
 
     Only an enabled filter depends on the thrust; other agents may have thrusters that are too weak for a filter.
     """
-    if not isinstance(plugin, TaskParameters):
+    if not isinstance(plugin, FromWorld):
         return plugin
     if not getattr(plugin, "enabled", False):
         world = {name: value for name, value in world.items() if name != "u_max"}
@@ -122,12 +130,20 @@ def _check_filter(
             place.report(f"{text}; make it at least as large as that", "collision_radius")
     if not isinstance(plugin, SafetyGlue | TeamSafety) or not plugin.enabled:
         return
-    if isinstance(plugin, TaskParameters) and "n" not in world:
+    if plugin.dynamics and dynamics.registered_name not in plugin.dynamics:
+        text = f"the filter assumes {' or '.join(plugin.dynamics)} dynamics, but these deputies move by "
+        place.report(f"{text}{dynamics.registered_name}; disable the filter", "enabled")
+    elif isinstance(plugin, TaskParameters) and "n" not in world:
         text = "the filter assumes Clohessy-Wiltshire dynamics, but these deputies move by "
         place.report(f"{text}{dynamics.registered_name}; disable the filter", "enabled")
     elif simulator.turns:
         text = "the filter assumes thrust along the axes of Hill's frame, but these deputies have an attitude"
         place.report(f"{text}; disable the filter", "enabled")
+    simulated = {component.registered_name for component in components}
+    for name in (name for name in plugin.components if name not in simulated):
+        place.report(
+            f"the filter needs the component `{name}`; add it to the simulator, or disable the filter", "enabled"
+        )
     thrust = _value(plugin, "u_max", taken)
     if thrust is not None and any(thrust > min((-low).min(), high.min()) for low, high in _thrust_limits(entry)):
         text = f"the filter assumes {thrust:g} N along each axis, which a controller cannot apply"
@@ -136,7 +152,7 @@ def _check_filter(
 
 def _check_values(plugin: Plugin, taken: WorldValues, world: WorldValues, place: Place) -> None:
     """Check that the values of a plugin are those of the world."""
-    for field in ("n", "step_size", "mass", "m"):
+    for field in ("n", "step_size", "mass", "m", "swept_radius"):
         source = "m" if field == "mass" else field
         given, value = _value(plugin, field, taken), world.get(source)
         if given is not None and value is not None and not math.isclose(given, value, rel_tol=1e-9):
@@ -178,7 +194,7 @@ def _value(plugin: Plugin, field: str, world: WorldValues) -> float | None:
     """
     if field not in type(plugin).model_fields:
         return None
-    if isinstance(plugin, TaskParameters) and field not in plugin.model_fields_set:
+    if isinstance(plugin, FromWorld) and field not in plugin.model_fields_set:
         if field in world:
             return world[field]
         if field in _SOURCES and not getattr(plugin, "enabled", False):

@@ -22,7 +22,24 @@ from safe_inspect.units import (
 )
 
 
-class TaskParameters(BaseModel):
+class FromWorld(BaseModel):
+    """Plugin of which some fields have values of the simulated world unless they are given."""
+
+    def in_world(self, world: Mapping[str, float]) -> Self:
+        """Return a copy in which fields that are not given have the values of the world.
+
+        Args:
+            world: Values of fields in SI units; others are ignored.
+
+        Raises:
+            ValidationError: The values contradict each other.
+        """
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        taken = {k: v for k, v in world.items() if k not in given and k in type(self).model_fields}
+        return type(self).model_validate(given | taken) if taken else self
+
+
+class TaskParameters(FromWorld):
     """Parameters of a task that constraints and safety filters need; all quantities accept units.
 
     In an experiment, four of them default to values of the simulated world: `step_size` to the period of the frame
@@ -70,19 +87,6 @@ class TaskParameters(BaseModel):
     def agreeing(self) -> ConstraintParameters:
         """The same parameters, after the checks of `ConstraintParameters`."""
         return ConstraintParameters.of({name: getattr(self, name) for name in TaskParameters.model_fields})
-
-    def in_world(self, world: Mapping[str, float]) -> Self:
-        """Return a copy in which fields that are not given have the values of the world.
-
-        Args:
-            world: Values of fields in SI units.
-
-        Raises:
-            ValidationError: The values contradict each other.
-        """
-        given = {name: getattr(self, name) for name in self.model_fields_set}
-        taken = {name: value for name, value in world.items() if name not in given}
-        return type(self).model_validate(given | taken) if taken else self
 
 
 class ConstraintParameters(TaskParameters):

@@ -21,6 +21,7 @@ from safe_inspect.tasks.rendezvous.shape import (
     ENVISAT_INERTIA,
     Matrix3,
     TargetBox,
+    boxes_in_model,
     boxes_in_principal_axes,
 )
 from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
@@ -129,6 +130,11 @@ class TumblingTarget(PassiveComponent):
     def _of_a_body(cls, value: Matrix3) -> Matrix3:
         principal_axes(np.array(value))
         return value
+
+    @property
+    def radii(self) -> Mapping[str, float]:
+        """Radius of the sphere that the target sweeps [m]."""
+        return {"target": float(self.scale * lengths(boxes_in_model(self.boxes).vertices).max())}
 
     def __call__(self, world: World, num_envs: int) -> RunningComponent:
         """Return the running target."""
