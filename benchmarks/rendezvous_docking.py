@@ -31,6 +31,7 @@ from safe_inspect.evaluation.results.results import Block  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.missions.mission import Mission  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
+from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS  # noqa: E402
 
 _MATING_POINT = np.array([0.0, 0.45, 0.0])
 _SETTINGS = (
@@ -78,7 +79,7 @@ def learned(team: Block, number: int) -> dict[str, Any]:
     """Return how an episode of the policy has ended."""
     return {
         "success": bool(team.status[number] == "win"),
-        "contact": bool(team.figures["least clearance"][number] < 0.25),
+        "contact": bool(team.figures["least clearance"][number] < ASTROBEE_RADIUS),
         "time": float(team.figures["length"][number]),
         "delta_v": float(team.figures["delta-v"][number]),
     }

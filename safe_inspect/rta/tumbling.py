@@ -9,11 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import model_validator
 
+from safe_inspect.dynamics.quaternion import rotate_back
+from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.geometry.distance import lengths
+from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import FromWorld
 from safe_inspect.rta.filters import differs
-from safe_inspect.rta.tumbling_rows import BACKUP, DESIRED, ESCAPE, UNSAFE, EscapeModel, clearance_after, filter_rows
+from safe_inspect.rta.tumbling_rows import BACKUP, DESIRED, ESCAPE, UNSAFE, EscapeModel, keep_escapes
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec, State
 from safe_inspect.simulators.view import SAFETY_FILTER, FilterResult, View
@@ -26,6 +29,11 @@ from safe_inspect.units import PositiveDuration, PositiveForce, PositiveLength, 
 _MARGIN = 1e-3
 #: Largest time between the moments at which distances are computed [s].
 _CELL = 0.1
+#: Directions of escapes in T: outwards in place of the first, then the axes and the diagonals, in both ways.
+_DIRECTIONS = np.array(
+    [np.zeros(3), *(sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))]
+    + [math.sqrt(1.0 / 3.0) * np.array([x, y, z]) for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)]
+)
 #: Speed of an escape as a share of the speed from which the chaser can brake between the swept sphere and `r_max`.
 _PACE = 0.7
 
@@ -119,24 +127,22 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
 
     def states_within(self, before: State, world: World, control: FloatArray, time: float) -> dict[str, FloatArray]:
         """Return position, velocity and clearance of the first deputy, a time after the start of a hold."""
-        position, velocity, acceleration = before.position[:, 0], before.velocity[:, 0], control / world.masses[0]
-        clearance = np.empty(len(position))
-        clearance_after(self._model(world), self._motion(position, velocity, before), acceleration, time, clearance)
-        return {
-            "position": position + time * (velocity + 0.5 * time * acceleration),
-            "velocity": velocity + time * acceleration,
-            "clearance": clearance,
-        }
+        acceleration, velocity, body = control / world.masses[0], before.velocity[:, 0], world.target_body
+        position = before.position[:, 0] + time * (velocity + 0.5 * time * acceleration)
+        turned = tumble(body.inertia, before.target_orientation, before.target_angular_velocity, np.array([time]))[0]
+        clearance = OrientedBoxes(*body.boxes).distance(rotate_back(turned[:, 0], position))
+        return {"position": position, "velocity": velocity + time * acceleration, "clearance": clearance}
 
     def filter(self, desired: FloatArray, view: View) -> FilterResult:
         """Return the thrust to hold during the next step, and the escapes after it."""
-        model, state = self._model(view.world), view.state
+        model, state, position = self._model(view.world), view.state, view.position
         control = desired / self.m
         escapes = np.array(view.memory(SAFETY_FILTER, "escape"))
         stages = np.empty(len(control), dtype=np.int64)
         attitudes = np.empty((1 + (1 + model.horizon) * model.cells, 7))
-        motion = self._motion(view.position, view.velocity, state, view.group.size)
-        filter_rows(model, motion, control, escapes, attitudes, stages)
+        turning = (view.per_environment(state[name]) for name in ("target_orientation", "target_angular_velocity"))
+        motion: Any = tuple(for_kernel(array) for array in (position, view.velocity, *turning))
+        keep_escapes(model, motion, control, escapes, attitudes, stages)
         control *= self.m
         refused = stages != DESIRED
         return FilterResult(
@@ -145,16 +151,10 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
             infeasible=stages == UNSAFE,
             backup=stages == BACKUP,
             active=refused.astype(np.int64),
-            phi=np.stack(list(self.safety({"position": view.position, "clearance": view.clearance}).values()), axis=1),
+            phi=np.stack([view.clearance - self.radius, self.r_max - lengths(position)], axis=1),
             names=("clearance", "r_max"),
             memory={"escape": escapes},
         )
-
-    def _motion(self, position: FloatArray, velocity: FloatArray, state: State, size: int = 1) -> Any:
-        """Return the arrays of the motion as `filter_rows` takes them, for `size` deputies of each environment."""
-        names = ("target_orientation", "target_angular_velocity")
-        turning = (state[name] if size == 1 else state[name].repeat(size, axis=0) for name in names)
-        return tuple(for_kernel(array) for array in (position, velocity, *turning))
 
     def _model(self, world: World) -> EscapeModel:
         body, acceleration = world.target_body, self.u_max / self.m
@@ -170,4 +170,5 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
             cells=math.ceil(self.step_size / _CELL - 1e-9),
             horizon=math.ceil(2.0 * (self._outside / pace + pace / acceleration) / self.step_size),
             pace=pace,
+            directions=_DIRECTIONS,
         )

@@ -45,6 +45,7 @@ class EscapeModel(NamedTuple):
         cells: Number of parts of a control step between whose ends clearances are bounded.
         horizon: Largest number of steps of an escape.
         pace: Speed of an escape by the rule FOLLOW [m/s].
+        directions: Directions of escapes in T, shape (K, 3); in place of the first, outwards.
     """
 
     inertia: FloatArray
@@ -57,6 +58,7 @@ class EscapeModel(NamedTuple):
     cells: int
     horizon: int
     pace: float
+    directions: FloatArray
 
 
 @njit
@@ -211,10 +213,7 @@ def _is_safe(
 
 @njit
 def _find(model: EscapeModel, scratch: _Scratch, known: int, start: int, state: FloatArray, escape: FloatArray) -> int:
-    """Search for an escape from a state, first the one that is given, and write it; the result is that of `_is_safe`.
-
-    The others brake, or leave outwards, along the axes and the diagonals of T, in both ways.
-    """
+    """Write an escape from a state, the one that is given if it is safe; return what `_is_safe` returns."""
     if escape[0] != NONE:
         known = _is_safe(model, scratch, known, start, state, escape)
         if known > 0:
@@ -224,35 +223,15 @@ def _find(model: EscapeModel, scratch: _Scratch, known: int, start: int, state: 
     found[:] = 0.0
     found[0] = BRAKE
     known = _is_safe(model, scratch, known, start, state, found)
-    reach = _size(state[0], state[1], state[2])
-    q = scratch.attitudes[start * model.cells]
-    for index in range(30):
+    q, reach = scratch.attitudes[start * model.cells], max(_size(state[0], state[1], state[2]), 1e-9)
+    for index in range(2 * len(model.directions)):
         if known > 0:
             break
         known = -known
-        way = index // 2
-        if way == 0:
-            if reach == 0.0:
-                known = -known
-                continue
+        way = model.directions[index // 2]
+        d = rotated(q, way[0], way[1], way[2])
+        if index < 2:
             d = (state[0] / reach, state[1] / reach, state[2] / reach)
-        elif way < 7:
-            sign = 1.0 if way % 2 else -1.0
-            axis = (way - 1) // 2
-            d = rotated(
-                (q[0], q[1], q[2], q[3]),
-                sign if axis == 0 else 0.0,
-                sign if axis == 1 else 0.0,
-                sign if axis == 2 else 0.0,
-            )
-        else:
-            c = math.sqrt(1.0 / 3.0)
-            d = rotated(
-                (q[0], q[1], q[2], q[3]),
-                c if (way - 7) & 1 else -c,
-                c if (way - 7) & 2 else -c,
-                c if (way - 7) & 4 else -c,
-            )
         found[0] = PUSH if index % 2 == 0 else FOLLOW
         for i in range(3):
             found[1 + i] = d[i]
@@ -268,7 +247,7 @@ DESIRED, SHARE, BACKUP, UNSAFE = 0, 1, 2, 3
 
 
 @njit
-def filter_rows(
+def keep_escapes(
     model: EscapeModel,
     motion: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     desired: FloatArray,
@@ -338,36 +317,3 @@ def filter_rows(
             else:
                 stage = BACKUP
         stages[r] = stage
-
-
-@njit
-def clearance_after(
-    model: EscapeModel,
-    motion: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    acceleration: FloatArray,
-    time: float,
-    clearance: FloatArray,
-) -> None:
-    """Write the distance to the target after a part of a hold [m], shape (R,).
-
-    Args:
-        model: The model.
-        motion: As for `filter_rows`, at the start of the hold.
-        acceleration: Accelerations that are held [m/s^2], shape (R, 3).
-        time: Time since the start [s].
-        clearance: The distances, written.
-    """
-    j = (model.inertia[0], model.inertia[1], model.inertia[2])
-    for r in range(len(clearance)):
-        q, w = motion[2][r], motion[3][r]
-        x = (q[0], q[1], q[2], q[3], w[0], w[1], w[2])
-        for _ in range(4):
-            x = rotation_row(j, x, (0.0, 0.0, 0.0), 0.25 * time)
-        p, v, a = motion[0][r], motion[1][r], acceleration[r]
-        at = rotated_back(
-            (x[0], x[1], x[2], x[3]),
-            p[0] + time * (v[0] + 0.5 * time * a[0]),
-            p[1] + time * (v[1] + 0.5 * time * a[1]),
-            p[2] + time * (v[2] + 0.5 * time * a[2]),
-        )
-        clearance[r] = box_distance(model.boxes, at[0], at[1], at[2])

@@ -17,7 +17,7 @@ from safe_inspect.rta import RTAGlueTumblingTarget
 EXPERIMENT = configs_root() / "tumbling-rendezvous-learning" / "experiment.yml"
 OFF = "RTAGlueTumblingTarget.config.enabled=False"
 FAST = "target_tumble.config.rate={type: UniformParameter, config: {units: deg/s, low: 5, high: 20}}"
-ANVIL = (  # a long arm off the centre of mass, and a pit beside the mating point
+ANVIL = (  # a long arm off the centre of mass, and a pit next to the mating point
     "TumblingTarget.config.boxes="
     "[{centre: [8, 2, 0], half_size: [9, 1, 0.5]}, {centre: [0, 0, 4], half_size: [1, 5, 1]}]",
     "TumblingTarget.config.mating_point=[-0.5 m, 0 m, 0.3 m]",
