@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -13,15 +15,36 @@ from safe_inspect.errors import ConfigError, UnsafeInitialStateWarning
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.rta import RTAGlueTumblingTarget
+from safe_inspect.rta.tumbling_rows import _is_clear, _turn
 
 EXPERIMENT = configs_root() / "tumbling-rendezvous-learning" / "experiment.yml"
 OFF = "RTAGlueTumblingTarget.config.enabled=False"
 FAST = "target_tumble.config.rate={type: UniformParameter, config: {units: deg/s, low: 5, high: 20}}"
-ANVIL = (  # a long arm off the centre of mass, and a pit next to the mating point
-    "TumblingTarget.config.boxes="
-    "[{centre: [8, 2, 0], half_size: [9, 1, 0.5]}, {centre: [0, 0, 4], half_size: [1, 5, 1]}]",
-    "TumblingTarget.config.mating_point=[-0.5 m, 0 m, 0.3 m]",
-)
+#: Number of random targets; `TUMBLING_TARGETS=60 pytest tests/rta/test_tumbling_filter.py` flies more.
+TARGETS = int(os.environ.get("TUMBLING_TARGETS", "3"))
+
+
+def random_target(number: int) -> tuple[str, ...]:
+    """Return overrides with one to five random boxes, a random inertia, and rates between 0 and 25 deg/s."""
+    rng = np.random.default_rng(number)
+    boxes = [
+        f"{{centre: {rng.uniform(-12.0, 12.0, 3).tolist()}, half_size: {(10.0 ** rng.uniform(-1.0, 0.9, 3)).tolist()}, "
+        f"roll: {rng.uniform(-90.0, 90.0)} deg}}"
+        for _ in range(rng.integers(1, 6))
+    ]
+    axes, moments = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.sort(rng.uniform(0.1, 1.0, 3))
+    moments[2] = min(moments[2], 0.999 * (moments[0] + moments[1]))
+    inertia = axes * moments @ axes.T
+    least = rng.uniform(0.0, 10.0)
+    overrides = (
+        f"TumblingTarget.config.boxes=[{', '.join(boxes)}]",
+        f"TumblingTarget.config.inertia={(0.5 * (inertia + inertia.T)).tolist()}",
+        "target_tumble.config.rate={type: UniformParameter, config: "
+        f"{{units: deg/s, low: {least}, high: {least + rng.uniform(1.0, 15.0)}}}}}",
+    )
+    unscaled = load_spec(EXPERIMENT, ["TumblingTarget.config.scale=0.01", *overrides]).agents[0].safety_filter
+    scale = 0.01 * rng.uniform(0.5, 1.1) / unscaled.swept_radius
+    return f"TumblingTarget.config.scale={scale}", *overrides
 
 
 def environment(num_envs: int, *overrides: str, seed: int = 1) -> BatchedEnvironment:
@@ -71,11 +94,10 @@ def hostile(env, truth, rng, step):
     return ways[kinds, np.arange(env.num_envs)]
 
 
-@pytest.mark.parametrize("overrides", [(), (FAST,), ANVIL], ids=["envisat", "fast", "another shape"])
-def test_no_contact_at_any_moment_whatever_is_commanded(overrides):
-    env = environment(48, *overrides)
+def fly_hostile(env: BatchedEnvironment, steps: int) -> tuple[float, int]:
+    """Return the smallest clearance of all moments, and the number of interventions, of hostile commands."""
     truth, rng, least, changed = Truth(env), np.random.default_rng(3), np.inf, 0
-    for step in range(150):
+    for step in range(steps):
         state = env.state
         before = (
             (state.position[:, 0].copy(), state.velocity[:, 0].copy()),
@@ -89,8 +111,20 @@ def test_no_contact_at_any_moment_whatever_is_commanded(overrides):
         least = min(least, truth.least_clearance(before, done.step.control, 1.0).min())
         changed += done.step.intervening.sum()
         env.reset(np.flatnonzero(done.done[:, 0]))
+    return float(least), int(changed)
+
+
+@pytest.mark.parametrize("overrides", [(), (FAST,)], ids=["1 to 5 deg/s", "5 to 20 deg/s"])
+def test_no_contact_at_any_moment_whatever_is_commanded(overrides):
+    least, changed = fly_hostile(environment(48, *overrides), 150)
     assert 0.28 <= least < 0.34  # they come near
     assert changed > 500
+
+
+def test_no_contact_with_targets_of_other_shapes():
+    least = [fly_hostile(environment(64, *random_target(number), seed=number), 150)[0] for number in range(TARGETS)]
+    assert min(least) >= 0.28
+    assert min(least) < 0.34
 
 
 def test_without_the_filter_the_same_commands_end_in_contact():
@@ -101,6 +135,31 @@ def test_without_the_filter_the_same_commands_end_in_contact():
         lost += (done.status == 2).sum()
         env.reset(np.flatnonzero(done.done[:, 0]))
     assert lost > 30
+
+
+def test_clearances_are_bounded_between_the_moments_at_which_they_are_computed():
+    env = environment(2000, FAST)
+    truth, rng, accepted = Truth(env), np.random.default_rng(4), 0
+    glue = load_spec(EXPERIMENT).agents[0].safety_filter
+    model = glue._model(env.simulation.world)._replace(cells=1)  # one moment at each end of a hold of 1 s
+    position = rng.uniform(-0.7, 0.7, (2000, 3))
+    velocity, push = rng.normal(scale=0.3, size=(2000, 3)), rng.uniform(-0.03, 0.03, (2000, 3))
+    q, w = env.state.target_orientation, env.state.target_angular_velocity
+    least = truth.least_clearance(((position, velocity), q, w), 9.583788668 * push, 1.0)
+    for n in range(2000):
+        attitudes = np.empty((2, 7))
+        attitudes[0] = *q[n], *w[n]
+        _turn(model, attitudes, 0, 1)
+        if _is_clear(model, attitudes, 0, np.concatenate((position[n], velocity[n])), push[n]):
+            accepted += 1
+            assert least[n] >= model.least
+    assert 100 < accepted < 1000
+
+
+def test_no_more_thrust_is_applied_than_the_filter_may_use():
+    env = environment(64, "RTAGlueTumblingTarget.config.u_max=0.2")
+    for _ in range(5):
+        assert np.abs(env.step(np.full((64, 1, 3), 6.0)).step.control).max() == pytest.approx(0.2, rel=1e-12)
 
 
 def test_what_is_safe_is_applied_unchanged():
