@@ -108,7 +108,10 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
         way = velocity / np.maximum(speed, 1e-300)[:, None]
         nearest = np.clip(-(position * way).sum(axis=1), 0.0, stop)
         least = lengths(position + nearest[:, None] * way)
-        return {"clearance": ~(least > self._outside), "r_max": ~(lengths(position) + stop < self.r_max)}
+        return {
+            "clearance": ~(least > self._outside + _MARGIN),
+            "r_max": ~(lengths(position) + stop < self.r_max - 2.0 * _MARGIN),
+        }
 
     def safety(self, states: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return the clearance beyond the chaser's radius and the room to the largest range [m], shape (R,).
@@ -163,6 +166,7 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
             inertia=body.inertia,
             boxes=body.boxes,
             least=self.radius + _MARGIN,
+            swept=self.swept_radius,
             outside=self._outside,
             farthest=self.r_max - _MARGIN,
             acceleration=acceleration,

@@ -38,6 +38,7 @@ class EscapeModel(NamedTuple):
         inertia: Principal moments of the target, up to a factor, shape (3,).
         boxes: The target in its principal axes T.
         least: Distance between the chaser's centre and the boxes that must be kept [m].
+        swept: Radius of the sphere that the target sweeps [m].
         outside: Range beyond which the target does not reach the chaser [m].
         farthest: Largest range [m].
         acceleration: Largest acceleration along each axis of W [m/s^2].
@@ -51,6 +52,7 @@ class EscapeModel(NamedTuple):
     inertia: FloatArray
     boxes: BoxArrays
     least: float
+    swept: float
     outside: float
     farthest: float
     acceleration: float
@@ -91,7 +93,8 @@ def _is_clear(model: EscapeModel, attitudes: FloatArray, first: int, state: Floa
     """Return whether a hold keeps the clearance and the largest range at every moment.
 
     With the distances a and b at the ends of a cell of length h, the distance within is at least ``(a + b - L h) / 2``,
-    where L bounds the speed of the chaser relative to the target's axes, ``|v| + |w| |p|``.
+    where L bounds the speed of the chaser relative to the target's axes, ``|v| + |w| |p|``; likewise for the distance
+    to the sphere that the target sweeps, with ``|v|``.
 
     Args:
         model: The model.
@@ -116,8 +119,10 @@ def _is_clear(model: EscapeModel, attitudes: FloatArray, first: int, state: Floa
         if k > 0:
             turn = max(rate, rate_before)
             turn *= 1.0 + h * turn  # |w'| <= |w|^2 without torque
-            relative = max(speed, speed_before) + turn * (max(reach, range_before) + bend)
-            if 0.5 * (before + distance - relative * h) < model.least:
+            own = max(speed, speed_before)
+            relative = own + turn * (max(reach, range_before) + bend)
+            bound = max(before + distance - relative * h, range_before + reach - own * h - 2.0 * model.swept)
+            if 0.5 * bound < model.least:
                 return False
         if reach > model.farthest:
             return False

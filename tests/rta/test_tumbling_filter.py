@@ -206,6 +206,23 @@ def test_a_start_between_the_arms_has_an_escape_or_is_reported():
     assert (clear & ~reported).sum() > 0.9 * clear.sum()
 
 
+def test_a_start_that_is_not_refused_has_an_escape():
+    env, rng, rows = environment(5000, FAST), np.random.default_rng(1), 5000
+    glue = load_spec(EXPERIMENT).agents[0].safety_filter
+    outwards, aside = rng.normal(size=(2, rows, 3))
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    speed = 10.0 ** rng.uniform(-3.0, -0.7, (rows, 1))
+    stop = speed * (0.5 * speed * 9.583788668 / 0.3 + 1.0)  # it stops next to the sphere that the target sweeps
+    position = outwards * (1.2838 + stop * rng.uniform(0.9, 1.05, (rows, 1)))
+    way = rng.choice([0.0, 0.3, 1.0], (rows, 1)) * aside - outwards
+    velocity = speed * way / np.linalg.norm(way, axis=1, keepdims=True)
+    refused = np.any([*glue.refusals({"position": position, "velocity": velocity}).values()], axis=0)
+    env.state.position[:, 0], env.state.velocity[:, 0] = position, velocity
+    infeasible = env.step(levels(-position)).step.filtered.infeasible
+    assert 1000 < refused.sum() < 4000
+    assert not infeasible[~refused].any()
+
+
 STATES = {
     "far enough": ([1.4, 0, 0], [0, 0, 0], ()),
     "in the sphere": ([0, 1.2, 0], [0, 0, 0], ("clearance",)),
