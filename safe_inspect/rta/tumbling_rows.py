@@ -150,16 +150,11 @@ def _ends(model: EscapeModel, state: FloatArray, share: float) -> bool:
 def _command(model: EscapeModel, state: FloatArray, escape: FloatArray, push: FloatArray) -> None:
     """Write the acceleration that an escape commands from a state, within the limits along each axis, shape (3,)."""
     rule = BRAKE if _ends(model, state, 0.0) else escape[0]
-    if rule == PUSH:
-        for i in range(3):
-            push[i] = escape[1 + i]
-        scale = model.acceleration / max(abs(push[0]), abs(push[1]), abs(push[2]))
-    else:
-        pace = model.pace if rule == FOLLOW else 0.0
-        for i in range(3):
-            push[i] = (pace * escape[1 + i] - state[3 + i]) / model.step
-        largest = max(abs(push[0]), abs(push[1]), abs(push[2]))
-        scale = min(1.0, model.acceleration / largest) if largest > 0.0 else 1.0
+    pace = model.pace if rule == FOLLOW else 0.0
+    for i in range(3):
+        push[i] = escape[1 + i] if rule == PUSH else (pace * escape[1 + i] - state[3 + i]) / model.step
+    largest = max(abs(push[0]), abs(push[1]), abs(push[2]))
+    scale = model.acceleration / largest if rule == PUSH or largest > model.acceleration else 1.0
     for i in range(3):
         push[i] *= scale
 
@@ -242,8 +237,7 @@ def _find(model: EscapeModel, scratch: _Scratch, known: int, start: int, state: 
             found[1 + i] = d[i]
         known = _is_safe(model, scratch, known, start, state, found)
     if known > 0:
-        for i in range(4):
-            escape[i] = found[i]
+        escape[:] = found
     return known
 
 
@@ -278,14 +272,12 @@ def keep_escapes(
             state[i], state[3 + i] = motion[0][r, i], motion[1][r, i]
             attitudes[0, 4 + i] = motion[3][r, i]
             wanted[i] = min(max(desired[r, i], -model.acceleration), model.acceleration)
-        for i in range(4):
             attitudes[0, i] = motion[2][r, i]
-            escape[i] = escapes[r, i]
+        attitudes[0, 3] = motion[2][r, 3]
         known = _turn(model, attitudes, 0, model.cells)
         stage = DESIRED
-        if escape[0] == NONE:
-            for i in range(4):
-                escapes[r, i] = 0.0
+        if escapes[r, 0] == NONE:
+            escapes[r] = 0.0
             known = _find(model, scratch, known, 0, state, escapes[r])
             if known < 0:
                 known = -known
@@ -301,8 +293,7 @@ def keep_escapes(
             for i in range(3):
                 desired[r, i] = share * wanted[i] + (1.0 - share) * backup[i]
                 after[i], after[3 + i] = state[i], state[3 + i]
-            for i in range(4):
-                escape[i] = escapes[r, i]
+            escape[:] = escapes[r]
             if not _is_clear(model, attitudes, 0, state, desired[r]):
                 continue
             _fly(model, after, desired[r])
@@ -311,8 +302,7 @@ def keep_escapes(
             known = abs(known)
             if passed:
                 stage = DESIRED if attempt == 0 else SHARE
-                for i in range(4):
-                    escapes[r, i] = escape[i]
+                escapes[r] = escape
                 break
         if not passed:
             for i in range(3):
