@@ -24,7 +24,6 @@ import argparse
 import json
 import os
 import time
-from dataclasses import astuple
 from typing import Any
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -202,7 +201,7 @@ def report(flights: list[dict[str, Any]]) -> dict[str, Any]:
     ends = np.array([flight["end_error"] for flight in flights])
     share = np.array([flight["share"] for flight in flights])
     seconds = 1e3 * np.concatenate([flight["seconds"] for flight in flights])
-    low, high = (100.0 * value for value in astuple(wilson(int((clearance < 0.0).sum()), count)))
+    low, high = (100.0 * value for value in wilson(int((clearance < 0.0).sum()), count))
     return {
         "flights": count,
         "contacts": int((clearance < 0.0).sum()),

@@ -13,7 +13,6 @@ force together. 95 % are asked for; the interval is Wilson's.
 from __future__ import annotations
 
 import argparse
-from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
@@ -145,7 +144,7 @@ def main() -> None:
         widths.append(found[1])
         count = len(widths)
         if count % 25 == 0 or number == options.tumbles - 1:
-            low, high = astuple(wilson(held, count))
+            low, high = wilson(held, count)
             print(
                 f"{held} of {count} hold: {held / count:.3f} [{low:.3f}, {high:.3f}]; "
                 f"median of the largest width {100.0 * np.median(widths):.1f} cm",

@@ -15,7 +15,6 @@ import argparse
 import json
 import os
 import time
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +92,9 @@ def report(name: str, flights: list[dict[str, Any]]) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "flights": count,
         "docked": len(docked),
-        "docked, interval [%]": [round(100.0 * value, 1) for value in astuple(wilson(len(docked), count))],
+        "docked, interval [%]": [round(100.0 * value, 1) for value in wilson(len(docked), count)],
         "contacts": contacts,
-        "contacts, interval [%]": [round(100.0 * value, 2) for value in astuple(wilson(contacts, count))],
+        "contacts, interval [%]": [round(100.0 * value, 2) for value in wilson(contacts, count)],
     }
     for key in ("time", "time of the approach", "delta_v"):
         values = np.array([flight[key] for flight in docked if key in flight])

@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -77,12 +76,15 @@ class _Observation(Mission):
     def __init__(self, config: RendezvousConfig, number: int) -> None:
         super().__init__(config, number, watch=self._compare)
         self.turns: list[tuple[float, float]] = []
+        self._attitude = np.array([0.0, 0.0, 0.0, 1.0])  # of the chaser when the newest frame was taken
 
     def _compare(self, context: MissionContext) -> None:
         pipeline = self.pilot.estimator.pipeline  # type: ignore[attr-defined]
-        graph, chaser = pipeline.graph, self._truth.chaser
-        if graph is not None and context.step % 5 == 0:
-            turn = log(multiply(conjugate(chaser.orientation), from_matrix(graph.chaser[:3, :3])))
+        graph = pipeline.graph
+        if context.step % 5 == 0:
+            self._attitude = self._truth.chaser.orientation.copy()
+        elif graph is not None and context.step % 5 == 1:  # the poses of a frame are known a control step later
+            turn = log(multiply(conjugate(self._attitude), from_matrix(graph.chaser[:3, :3])))
             squared = float(turn @ np.linalg.solve(graph.chaser_covariance[:3, :3], turn))
             self.turns.append((_degrees(turn), squared))
 
@@ -150,7 +152,7 @@ def _print_consistency(rows: list[dict[str, Any]]) -> None:
         count = int((values > most).sum())
         mean, share = (
             f"mean {values.mean():.2f}",
-            ", ".join(f"{bound:.3f}" for bound in astuple(wilson(count, len(values)))),
+            ", ".join(f"{bound:.3f}" for bound in wilson(count, len(values))),
         )
         if len(values) > 2:
             low, high = bootstrap((values,), np.mean, rng=np.random.default_rng(0)).confidence_interval

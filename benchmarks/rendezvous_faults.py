@@ -16,7 +16,6 @@ import json
 import tempfile
 import time
 from collections.abc import Iterable
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +85,7 @@ def share(label: str, count: int, of: int) -> str:
     """Return a count with Wilson's 95 % interval."""
     if not of:
         return f"  {label:<34}   0 of   0"
-    low, high = astuple(wilson(count, of))
+    low, high = wilson(count, of)
     return f"  {label:<34}{count:>4} of {of:>3}  [{100 * low:.1f} %, {100 * high:.1f} %]"
 
 
