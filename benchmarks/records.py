@@ -32,6 +32,12 @@ _TUMBLE = "tumble={functor: RandomTumble}"
 #: Arguments of ``safe-inspect evaluate --cfg`` of each set, the file first.
 RECORDS: dict[str, tuple[str, ...]] = {
     "estimated": (f"{_CONFIGS}/experiment.yml", _TUMBLE),
+    "uncertain": (
+        f"{_CONFIGS}/experiment-truth.yml",
+        "sensors.state.attitude_sigma=0.7 deg",
+        "sensors.state.rate_sigma=0.07 deg/s",
+        _TUMBLE,
+    ),
     "truth": (f"{_CONFIGS}/experiment-truth.yml", "mission.observe=10 s", _TUMBLE),
     **{
         name: (f"{_CONFIGS}/experiment.yml", f"target=!include {_CONFIGS}/targets/{name}.yml", _TUMBLE)
