@@ -154,7 +154,7 @@ def _command(model: EscapeModel, state: FloatArray, escape: FloatArray, push: Fl
     for i in range(3):
         push[i] = escape[1 + i] if rule == PUSH else (pace * escape[1 + i] - state[3 + i]) / model.step
     largest = max(abs(push[0]), abs(push[1]), abs(push[2]))
-    scale = model.acceleration / largest if rule == PUSH or largest > model.acceleration else 1.0
+    scale = model.acceleration / max(largest, 1e-300) if rule == PUSH or largest > model.acceleration else 1.0
     for i in range(3):
         push[i] *= scale
 

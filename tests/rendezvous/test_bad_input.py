@@ -37,7 +37,7 @@ def files(tmp_path: Path) -> Path:
             "target.config.inertia: inertia must be a symmetric matrix",
         ),
         ("chaser.inertia=[1 kg m^2, 1 kg m^2, 5 kg m^2]", "inertia: no body has the moments 1, 1 and 5 kg m^2"),
-        ("target.config.mating_point=[0.05 m, 0 m, 0 m]", "would overlap the target by 0.302 m there; move the point"),
+        ("target.config.mating_point=[0.05 m, 0 m, 0 m]", "would overlap the target by 0.332 m there; move the point"),
         ("target.config.mating_point=[5 m, 0 m, 0 m]", "the centre of mass, farther than any corner"),
         ("target.config.mating_point=[0 m, 0 m, 0 m]", "the mating point is the target's centre of mass"),
         ("chaser.position=[0 m, 0 m, 0 m]", "chaser.position: the chaser would overlap the target"),
