@@ -52,7 +52,7 @@ RECORDS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 _HEAD = (
     "missions", "arrived (95 % interval)", "not arrived", "contacts", "outside of the box", "least clearance",
-    "position error: median, largest", "largest gauge", "NEES, mean", "commit, date",
+    "position error: median, largest", "largest gauge", "NEES: median, largest", "commit, date",
 )  # fmt: skip
 
 
@@ -81,7 +81,7 @@ def row(name: str, found: Evaluation) -> str:
         f"{100.0 * np.nanmin(figures['least clearance']):.1f} cm",
         f"{1e3 * np.nanmedian(error[arrived]):.2g}, {1e3 * np.nanmax(error[arrived]):.2g} mm" if team.wins else "-",
         f"{np.nanmax(figures['largest gauge of the tube']):.2f}",
-        f"{np.nanmean(nees):.1f}" if np.isfinite(nees).any() else "-",
+        f"{np.nanmedian(nees):.1f}, {np.nanmax(nees):.3g}" if np.isfinite(nees).any() else "-",
         f"{(found.record['git_commit'] or 'none')[:8]}, {found.record['date'][:10]}",
     )
     return "| " + " | ".join(cells) + " |"
