@@ -18,15 +18,14 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")  # one processor for each worker
+import numpy as np
+from machine import machine
 
-import numpy as np  # noqa: E402
-from machine import machine  # noqa: E402
+from safe_inspect.evaluation.results.files import read_evaluation
+from safe_inspect.evaluation.results.results import Evaluation
 
-from safe_inspect.evaluation.results.files import read_evaluation  # noqa: E402
-from safe_inspect.evaluation.results.results import Evaluation  # noqa: E402
-
+#: One processor for each worker, unless the environment says otherwise.
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _CONFIGS = "configs/tumbling-rendezvous"
 _TUMBLE = "tumble={functor: RandomTumble}"
 #: Arguments of ``safe-inspect evaluate --cfg`` of each set, the file first.
@@ -109,7 +108,7 @@ def main() -> int:
         folder = arguments.output / name
         if not folder.exists():
             print(shlex.join(command(name, arguments)), file=sys.stderr, flush=True)
-            done = subprocess.run(command(name, arguments), stdout=subprocess.DEVNULL)
+            done = subprocess.run(command(name, arguments), stdout=subprocess.DEVNULL, env=_ONE_THREAD | os.environ)
             if not folder.exists():
                 return done.returncode or 1
         rows.append(row(name, read_evaluation(folder)))

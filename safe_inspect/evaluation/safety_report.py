@@ -194,7 +194,7 @@ class _Watch:
 
     def states(self) -> dict[str, FloatArray]:
         """Return the current states by name, as the safety glue takes them."""
-        return self._glue.states(self._environment.state, self._environment.simulation.world)
+        return self._glue.states(self._environment.state)
 
 
 @dataclass(frozen=True, eq=False)

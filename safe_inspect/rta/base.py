@@ -114,7 +114,7 @@ class SafetyGlue(Safety, ActionGlue):
             view: The state at the start of the step.
         """
 
-    def states(self, state: State, world: World) -> dict[str, FloatArray]:
+    def states(self, state: State) -> dict[str, FloatArray]:
         """Return the states of the first deputy that `safety` takes, by name, (N, ...)."""
         sun = {"sun_angle": state.sun_angle} if "sun_angle" in state.arrays else {}
         return {"position": state.position[:, 0], "velocity": state.velocity[:, 0], **sun}
@@ -128,7 +128,7 @@ class SafetyGlue(Safety, ActionGlue):
             control: Thrust of the first deputy that is held [N], Hill frame, shape (N, 3).
             time: The time [s].
         """
-        states = {name: array.copy() for name, array in self.states(before, world).items()}
+        states = {name: array.copy() for name, array in self.states(before).items()}
         position, velocity, acceleration = states["position"], states["velocity"], control / world.masses[0]
         phi, gamma = transition(world.mean_motion, 1.0, time)
         propagate(position, velocity, acceleration, phi, gamma, position, velocity)

@@ -124,9 +124,9 @@ class RTAGlueTumblingTarget(FromWorld, SafetyGlue):
             "r_max": self.r_max - reach,
         }
 
-    def states(self, state: State, world: World) -> dict[str, FloatArray]:
+    def states(self, state: State) -> dict[str, FloatArray]:
         """Return position, velocity and clearance of the first deputy."""
-        return {**super().states(state, world), "clearance": state["clearance"][:, 0]}
+        return {**super().states(state), "clearance": state["clearance"][:, 0]}
 
     def states_within(self, before: State, world: World, control: FloatArray, time: float) -> dict[str, FloatArray]:
         """Return position, velocity and clearance of the first deputy, a time after the start of a hold."""

@@ -181,16 +181,15 @@ def _check_ends(plugin: Any, entry: AgentEntry, inside: Place, config: Experimen
     """Check that a done function does not end an episode as lost in states that the filter allows."""
     kept, parts = kept_by(plugin), entry.body.parts
     orbit = config.environment.simulator.compose()[0].offers().get("mean_motion", 0.0)
-    far = kept["r_max"].r_max if "r_max" in kept else 0.0
+    far, clear = kept["r_max"].r_max if "r_max" in kept else 0.0, math.inf
     if isinstance(plugin, RTAGlueTumblingTarget):
-        far = plugin.r_max
+        far, clear = plugin.r_max, plugin.radius
     for index, named in enumerate(entry.body.dones):
         done, place = named.functor, inside.at("dones", index, "config")
         if isinstance(done, CrashDoneFunction) and _check_crash(plugin, done, orbit, place):
             _check_references(done, parts, reset, place)
-        kept_clear = plugin.radius if isinstance(plugin, RTAGlueTumblingTarget) else math.inf
-        if isinstance(done, ContactDoneFunction) and done.radius > kept_clear:
-            text = f"a chaser loses at a clearance of {done.radius:g} m, but the filter only keeps {kept_clear:g} m"
+        if isinstance(done, ContactDoneFunction) and done.radius > clear:
+            text = f"a chaser loses at a clearance of {done.radius:g} m, but the filter only keeps {clear:g} m"
             place.report(f"{text}; raise the filter's `radius`, or lower this", "radius")
         if isinstance(done, MaxDistanceDoneFunction) and far:
             _check_references(done, parts, reset, place)
