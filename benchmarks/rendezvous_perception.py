@@ -79,12 +79,12 @@ def _measure(front_end: FrontEnd, arguments: argparse.Namespace, seed: int) -> d
     for seen in watch(config, seed, arguments.seconds):
         truth.append(seen.T_MB)
         begin = time.process_time()
-        edges += run.step(seen.frame, None, _turn(seen))
+        edges += run.step(seen.frame, None, gyro_turn(seen))
         spent.append(time.process_time() - begin)
     return _figures(edges, truth) | {"ms": 1e3 * float(np.mean(spent[1:])), "ms first": 1e3 * spent[0]}
 
 
-def _turn(seen: WatchedFrame) -> FloatArray:
+def gyro_turn(seen: WatchedFrame) -> FloatArray:
     """Return R_B'B of the gyro since the last frame."""
     turn, last = np.eye(3), seen.frame.time - len(seen.imu) * 0.016
     for row in seen.imu:

@@ -75,6 +75,16 @@ class RelativeMotion:
         self._rate: FloatArray | None = None
         self._velocity = np.zeros(3)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether two poses have been given; until then, the body is predicted to be at rest."""
+        return self._rate is not None
+
+    @property
+    def time(self) -> float:
+        """Time of the newest pose [s]."""
+        return self._time
+
     def turned(self, rotation: FloatArray) -> None:
         """Add a rotation of the chaser, R_B'B from the gyro, shape (3, 3)."""
         self._turn = self._turn @ rotation

@@ -12,7 +12,7 @@ from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire, distinct_poses
-from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, rotation_log
+from safe_inspect.rendezvous.poses import MODEL, Edge, adjoint, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeLength, PositiveLength
@@ -23,10 +23,12 @@ _LEAST_POINTS, _SEARCH_POINTS = 150, 300
 _USED_POINTS = 1500
 #: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
-#: Maximum difference of an accepted pose from the prediction [rad, m].
+#: Maximum difference of an accepted pose of the shape from the prediction [rad, m].
 _LARGEST_OFF = (np.deg2rad(25.0), 0.25)
 #: Standard deviations of the prediction of this front end and of that of the back end [rad, m].
 _PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
+#: Standard deviations of an unknown angular velocity [rad/s] and velocity [m/s] of the target.
+_UNKNOWN_MOTION = (np.deg2rad(8.0), 0.03)
 #: Number of consecutive frames without a pose after which a hypothesis is dropped; without any left, the shape is
 #: searched again.
 _FAILURES = 3
@@ -60,6 +62,7 @@ class _Hypothesis:
         first: The registration in the first frame of the search.
         first_number: Number of that frame.
         motion: Predictor of the target's motion under this hypothesis.
+        view: Attitude R_MB at the newest distinct view, shape (3, 3); None before the first one.
         failures: Number of consecutive frames in which the hypothesis did not match.
         score: Score in the newest frame [m].
         scores: Scores at the distinct views [m].
@@ -69,6 +72,7 @@ class _Hypothesis:
     first: Registration
     first_number: int
     motion: RelativeMotion
+    view: FloatArray | None = None
     failures: int = 0
     score: float = 0.0
     scores: list[float] = field(default_factory=list)
@@ -77,6 +81,12 @@ class _Hypothesis:
     def total(self) -> float:
         """Sum of the scores [m]."""
         return sum(self.scores)
+
+    @property
+    def sees_new_view(self) -> bool:
+        """Whether the view differs from the newest distinct one."""
+        seen = self.found.pose[:3, :3]
+        return self.view is None or bool(np.linalg.norm(rotation_log(self.view.T @ seen)) >= _VIEW_ANGLE)
 
 
 class ModelFrontEnd(FrontEnd):
@@ -141,7 +151,6 @@ class _ModelFrontEndRun:
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
-        self._view: FloatArray | None = None
         self._T_MG: FloatArray | None = None
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
@@ -180,8 +189,6 @@ class _ModelFrontEndRun:
         for hypothesis in failed:
             hypothesis.failures += 1
         self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
-        if not self._hypotheses:
-            self._view = None
 
     def _place(self, found: Registration, predicted: FloatArray) -> None:
         """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
@@ -191,26 +198,34 @@ class _ModelFrontEndRun:
         else:
             self._T_MG = perturbed(self._T_MG, _PLACING * off)
 
-    def _registered(self, cloud: Cloud, start: FloatArray, expected: FloatArray | None) -> Registration:
-        """Return the registration that starts from the back end's prediction, or from `start` if that fits better.
+    def _registered(
+        self, cloud: Cloud, motion: RelativeMotion, time: float, expected: FloatArray | None
+    ) -> tuple[FloatArray, Registration]:
+        """Return the predicted pose, and the registration that starts from it or from the back end's prediction.
 
         The back end's prediction constrains directions that the frame does not, for instance along a face that fills
         the image, where the prediction of the front end would drift. If they differ, the target may move differently
-        than the back end assumes.
+        than the back end assumes. The better fit is returned.
         """
+        start = motion.predict(time)
+        if not motion.is_known:
+            # The target may have turned about its centre, which displaces it in B much less than B in M.
+            covariance = np.diag(np.repeat(_PREDICTION, 3) ** 2)
+            carry, moved = adjoint(inverse(start)), np.array(_UNKNOWN_MOTION) * (time - motion.time)
+            covariance += carry @ np.diag(np.repeat(moved, 3) ** 2) @ carry.T
+            return start, self._registration(cloud, start, np.linalg.inv(covariance), iterations=25, widening=2.5)
         starts = [] if expected is None else [(expected, _EXPECTATION)]
         if expected is None or _is_beyond(difference(expected, start), _PREDICTION):
             starts.append((start, _PREDICTION))
         tried = [self._registration(cloud, at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
-        return min(tried, key=lambda one: one.score)
+        return start, min(tried, key=lambda one: one.score)
 
     def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's."""
         failed = []
         for hypothesis in self._hypotheses:
-            start = hypothesis.motion.predict(time)
-            found = self._registered(cloud, start, expected)
-            off = difference(start, found.pose)
+            start, found = self._registered(cloud, hypothesis.motion, time, expected)
+            off = difference(inverse(start), inverse(found.pose))  # of the shape in B
             hypothesis.score = found.score
             if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
                 hypothesis.found, hypothesis.failures = found, 0
@@ -244,13 +259,15 @@ class _ModelFrontEndRun:
         ]
 
     def _choose(self) -> None:
-        """Record the scores at each distinct view and drop the hypotheses that are ruled out."""
-        view = self._hypotheses[0].found.pose[:3, :3]
-        if self._view is not None and np.linalg.norm(rotation_log(self._view.T @ view)) < _VIEW_ANGLE:
+        """Record the scores at each distinct view and drop the hypotheses that are ruled out.
+
+        A frame in which a hypothesis did not match is no view: its score is that of a wrong optimum.
+        """
+        if any(one.failures for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
             return
-        self._view = view
-        for hypothesis in self._hypotheses:
-            hypothesis.scores.append(hypothesis.score)
+        for one in self._hypotheses:
+            one.view = one.found.pose[:3, :3]
+            one.scores.append(one.score)
         self._hypotheses.sort(key=lambda one: one.total)
         first = self._hypotheses[0]
         self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]

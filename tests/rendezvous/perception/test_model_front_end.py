@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,6 +152,40 @@ def test_poses_that_become_the_same_are_followed_as_one(
     since, known = second
     assert (since.first, since.second, known.first) == (0, 1, MODEL)
     assert _degrees(truth[1], known.pose) < 1.0
+
+
+@pytest.mark.parametrize("rate", [3.0, 10.0])
+def test_a_motion_that_is_not_known_yet_is_followed(
+    target: Target, streams: Streams, shoot: Shoot, monkeypatch: pytest.MonkeyPatch, rate: float
+) -> None:
+    """At 10 deg/s the chaser moves 0.26 m about the target between two frames."""
+    truth = spin(2, rate=rate)
+    monkeypatch.setattr(model, "acquire", lambda registration, cloud, **_: [registration(cloud, truth[0])])
+    _, (edge,) = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
+    assert edge.first == MODEL
+    assert _degrees(truth[1], edge.pose) < 1.0
+
+
+def test_a_frame_that_the_right_pose_does_not_match_decides_nothing(
+    target: Target, streams: Streams, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The score of a registration that ended elsewhere says nothing about the pose that it started from."""
+    truth, half = spin(3), pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    registered = ModelRegistration.__call__
+
+    def fails_once(one: ModelRegistration, cloud: Cloud, start: np.ndarray, *rest: np.ndarray, **options: Any) -> Any:
+        found = registered(one, cloud, start, *rest, **options)
+        return replace(found, score=0.02) if _degrees(truth[1], found.pose) < 2.0 else found
+
+    def search(registration: ModelRegistration, cloud: Cloud, **_: int) -> list[Registration]:
+        right = registration(cloud, truth[0])
+        return [right, replace(right, pose=half @ right.pose)]
+
+    monkeypatch.setattr(model, "acquire", search)
+    monkeypatch.setattr(ModelRegistration, "__call__", fails_once)
+    edges = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
+    assert [edge.first for edge in edges[1]] == [0]  # not decided
+    assert all(_degrees(truth[2], edge.pose) < 2.0 for edge in edges[2] if edge.first == MODEL)
 
 
 def test_all_poses_of_a_cube_are_followed_until_they_differ(streams: Streams) -> None:
