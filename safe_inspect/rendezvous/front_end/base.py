@@ -107,6 +107,10 @@ class RelativeMotion:
             before, after = -self._pose[:3, :3].T @ self._pose[:3, 3], -found[:3, :3].T @ found[:3, 3]
             velocity = (self._turn @ after - before) / seconds
             self._velocity = self._turn.T @ ((1.0 - _WEIGHT) * self._velocity + _WEIGHT * velocity)
+        self.place(time, found)
+
+    def place(self, time: float, found: FloatArray) -> None:
+        """Replace the pose T_MB at a time [s], shape (4, 4), and keep rate and velocity."""
         self._time, self._pose, self._turn = time, found, np.eye(3)
 
 

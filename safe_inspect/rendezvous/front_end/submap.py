@@ -19,18 +19,23 @@ from safe_inspect.rendezvous.poses import (
     inverse,
     move,
     orthonormal,
+    perturbed,
     pose,
     rotation_exp,
     rotation_log,
 )
 from safe_inspect.types import FloatArray
 
-#: Voxel size for downsampling a cloud [m], and number of points from which a surface is estimated.
-_VOXEL, _NEIGHBOURS = 0.012, 12
+#: Voxel size for downsampling a cloud [m], and numbers of points from which a surface and its normal are estimated:
+#: normals of few points scatter so much that a plane seems to show how it turns about its own normal.
+_VOXEL, _NEIGHBOURS, _NORMAL_NEIGHBOURS = 0.012, 12, 40
 #: Maximum distances of correspondences in consecutive passes [m].
 _REACH = (0.06, 0.03)
 #: Standard deviations of the error between two views that does not decrease with the number of points [rad, m].
 _VIEW = (np.deg2rad(0.5), 4e-3)
+#: Standard deviations about the middle of a cloud of the prediction of its pose, and of a pose without one [rad, m];
+#: and that of the height of a point above the surface, where four neighbours count as one because they err alike [m].
+_PREDICTION, _UNPREDICTED, _HEIGHT = (np.deg2rad(2.0), 0.02), (np.deg2rad(10.0), 0.05), 0.01
 _Kind = Literal["odometry", "skip", "loop", "relocalised"]
 #: Frames with fewer points are not used.
 _LEAST_POINTS = 150
@@ -40,7 +45,7 @@ _KEYFRAME_ANGLE = 0.20943951023931953
 _LEAST_INLIERS, _LARGEST_TURN, _LARGEST_SHIFT = 0.6, np.deg2rad(10.0), 0.1
 #: Number of consecutive failures after which a frame is relocalised with respect to all keyframes.
 _FAILURES = 3
-#: Maximum predicted angle of a loop [rad], its minimum fraction of inliers, and how many keyframes it must go back.
+#: Maximum predicted angle between the directions of view of a loop [rad], its minimum fraction of inliers, and how many keyframes it must go back.
 _LOOP_ANGLE, _LOOP_INLIERS, _LOOP_GAP = np.deg2rad(20.0), 0.75, 8
 #: Factor of the covariances, calibrated on simulation.
 _SCALE = 10.0
@@ -70,10 +75,20 @@ def prepared_cloud(points: FloatArray) -> _PreparedCloud:
     cloud, tree = library.preprocess_points(
         np.ascontiguousarray(points, np.float64), _VOXEL, _NEIGHBOURS, num_threads=1
     )
+    library.estimate_normals(cloud, tree, num_neighbors=_NORMAL_NEIGHBOURS, num_threads=1)
     return _PreparedCloud(np.asarray(cloud.points())[:, :3], cloud, tree)
 
 
-def register(target: _PreparedCloud, source: _PreparedCloud, start: FloatArray) -> Registration:
+def _about_middle(cloud: _PreparedCloud, sigmas: tuple[float, float]) -> FloatArray:
+    """Return the covariance of a tangent that turns and moves a cloud about its middle [rad, m], shape (6, 6)."""
+    middle = cloud.points.mean(axis=0) if len(cloud) else np.zeros(3)
+    carry = adjoint(pose(np.eye(3), middle))
+    return np.asarray(carry @ np.diag(np.repeat(sigmas, 3) ** 2) @ carry.T)
+
+
+def register(
+    target: _PreparedCloud, source: _PreparedCloud, start: FloatArray, *, is_predicted: bool = False
+) -> Registration:
     """Return the pose that maps `source` to `target`, first with distant correspondences, then with close ones.
 
     The score is the root mean square of the residuals, each divided by the width of the surface that it is measured
@@ -83,6 +98,8 @@ def register(target: _PreparedCloud, source: _PreparedCloud, start: FloatArray) 
         target: The fixed cloud.
         source: The moving cloud.
         start: Initial pose, shape (4, 4).
+        is_predicted: Whether the initial pose holds in the directions that the surface does not show, such as the turn
+            of a plane about its normal.
     """
     library = require("small_gicp")
     placed = start
@@ -103,10 +120,14 @@ def register(target: _PreparedCloud, source: _PreparedCloud, start: FloatArray) 
         placed = orthonormal(np.asarray(result.T_target_source))
     found = max(int(result.num_inliers), 1)
     error = max(2.0 * float(result.error) / found, 1e-9)
+    normals = np.asarray(source.cloud.normals())[:, :3]
+    heights = np.hstack([np.cross(source.points, normals), normals])  # derivatives by the tangent from the right
+    prior = np.linalg.inv(_about_middle(source, _PREDICTION if is_predicted else _UNPREDICTED))
+    unshown = np.linalg.inv(heights.T @ heights / _HEIGHT**2 + prior)
+    if is_predicted:
+        placed = perturbed(placed, unshown @ prior @ difference(placed, start))
     # Two views sample different points: their common error rotates the cloud about its mean.
-    middle = source.points.mean(axis=0) if len(source) else np.zeros(3)
-    carry = adjoint(pose(np.eye(3), middle))
-    systematic = carry @ np.diag(np.repeat(_VIEW, 3) ** 2) @ carry.T
+    systematic = _about_middle(source, _VIEW) + unshown
     inliers = found / max(len(source), 1)
     return Registration(placed, np.asarray(result.H), float(np.sqrt(error)), inliers, error, systematic)
 
@@ -158,6 +179,7 @@ class _SubmapFrontEndRun:
     def __init__(self, options: GicpSubmapFrontEnd, context: FrontEndContext) -> None:
         self._cleaning = Cleaning(context.camera)
         self._T_BC, self._options, self._streams = context.T_BC, options, context.streams
+        self._axis = context.T_BC[:3, 2]  # the camera's optical axis in B
         self.keyframes: list[_Keyframe] = []
         # Both are set when the first keyframe is added.
         self._submap: _PreparedCloud
@@ -184,7 +206,10 @@ class _SubmapFrontEndRun:
             self._failures += 1
             return []
         self._failures = 0
-        self._motion.observe(frame.time, found.pose)
+        if kind == "relocalised":
+            self._motion.place(frame.time, found.pose)
+        else:
+            self._motion.observe(frame.time, found.pose)
         last = self.keyframes[-1]
         edges = [_edge(last, number, inverse(last.pose) @ found.pose, found, kind)]
         turn = rotation_log(last.pose[:3, :3].T @ found.pose[:3, :3])
@@ -202,7 +227,7 @@ class _SubmapFrontEndRun:
         start = self._motion.predict(time)
         if self._failures and predicted is not None:
             start = predicted
-        found = register(self._submap, cloud, start)
+        found = register(self._submap, cloud, start, is_predicted=self._motion.is_known)
         if self._accepts(start, found):
             return found, "odometry"
         if self._failures < _FAILURES:
@@ -237,15 +262,17 @@ class _SubmapFrontEndRun:
         """Return the edges to the keyframes before the last one."""
         edges = []
         for one in self.keyframes[-1 - self._options.skips : -1]:
-            found = register(one.cloud, cloud, inverse(one.pose) @ T_GB)
-            if found.inliers >= _LEAST_INLIERS:
+            start = inverse(one.pose) @ T_GB
+            found = register(one.cloud, cloud, start, is_predicted=True)
+            if self._accepts(start, found):
                 edges.append(_edge(one, number, found.pose, found, "skip"))
         return edges
 
     def _loops(self, number: int, T_GB: FloatArray, cloud: _PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the closest earlier view and to a random close one, from seven starts each."""
         earlier = self.keyframes[: max(len(self.keyframes) - _LOOP_GAP, 0)]
-        angles = [float(np.linalg.norm(rotation_log(one.pose[:3, :3].T @ T_GB[:3, :3]))) for one in earlier]
+        axes = np.array([one.pose[:3, :3] @ self._axis for one in earlier]).reshape(-1, 3)
+        angles = np.arccos(np.clip(axes @ (T_GB[:3, :3] @ self._axis), -1.0, 1.0))  # how it is rolled does not matter
         near = [earlier[k] for k in np.argsort(angles, kind="stable") if angles[k] < _LOOP_ANGLE]
         if not near:
             return []

@@ -29,6 +29,36 @@ def test_the_same_cloud_turned_is_registered(shoot: Shoot) -> None:
     assert found.inliers > 0.95
 
 
+def test_a_plane_does_not_show_how_it_turns_about_its_normal() -> None:
+    """What the surface does not show is taken from the prediction, and its variance says so."""
+    random = np.random.default_rng(0)
+    plane = np.column_stack([np.full(1500, 1.5), random.uniform(-0.2, 0.2, (1500, 2))])
+    noisy = [prepared_cloud(plane + random.normal(size=plane.shape) * [4e-3, 0.0, 0.0]) for _ in range(2)]
+    turns = {axis: pose(rotation_exp(np.deg2rad(2.0) * np.eye(3)[axis]), np.zeros(3)) for axis in (0, 1)}
+    middle = pose(np.eye(3), np.array([1.5, 0.0, 0.0]))
+    about_middle = {axis: middle @ turn @ inverse(middle) for axis, turn in turns.items()}
+    found = register(*noisy, about_middle[0], is_predicted=True)
+    assert np.rad2deg(difference(np.eye(4), found.pose)[0]) == pytest.approx(2.0, abs=0.5)
+    sigma = np.rad2deg(np.sqrt(np.diag(found.covariance(10.0))[:3]))
+    assert sigma[0] > 1.5
+    # It shows how it turns about an axis within it, whatever is predicted.
+    found = register(*noisy, about_middle[1], is_predicted=True)
+    assert np.linalg.norm(np.rad2deg(difference(np.eye(4), found.pose)[1:3])) < 0.4
+    assert np.rad2deg(np.sqrt(np.diag(found.covariance(10.0))[1:3])).max() < 1.0
+
+
+def test_it_keeps_its_place_where_only_a_small_face_is_seen(streams: Streams, shoot: Shoot) -> None:
+    """Envisat shows its small face, which turns about its own normal."""
+    level = pose(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, -1.5, 0.0]))
+    start = rotation_exp(np.array([0.0, 0.0, np.deg2rad(-65.0)]))
+    rate = np.deg2rad(5.0) * np.array([-0.6, 0.1, 0.8]) / np.linalg.norm([0.6, 0.1, 0.8])
+    truth = [inverse(pose(start @ rotation_exp(rate * k), np.zeros(3))) @ level for k in range(30)]
+    run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    edges = [run.step(shoot(one, k, time=float(k)), None, np.eye(3)) for k, one in enumerate(truth)]
+    assert all(edges[1:])
+    assert max(_degrees(edge, truth) for step in edges for edge in step) < 6.0  # 42 without the prediction
+
+
 def test_odometry_keyframes_and_skip_edges(streams: Streams, shoot: Shoot) -> None:
     truth = spin(14)
     run = GicpSubmapFrontEnd(loops=False)(FrontEndContext(CAMERA, T_BC, None, streams))
