@@ -42,6 +42,8 @@ _COMPARED = 5
 _LEAST_TIME, _LONGEST = 15.0, 240.0
 #: Misfit beyond which the motion is searched again, in standard deviations.
 _DOUBTFUL = 1.8
+#: Standard deviation of an unknown body's axes above which its motion is searched again [rad].
+_SURE_AXES = 0.2
 
 
 def _is_consistent(found: TargetEstimate | None) -> bool:
@@ -180,7 +182,9 @@ class EstimationPipeline:
         self._fitted_at = time
         model = None if graph.model is None else from_matrix(graph.model[:3, :3])
         before = None
-        if known is not None and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
+        # The fit from a motion of an unknown body whose axes are not known yet may stay in a wrong minimum.
+        is_sure = self._known.ratios is not None or (known is not None and known.axes_sigma < _SURE_AXES)
+        if known is not None and is_sure and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
             before = motion_of(known)
         found = self._characterise(history, self._known, before, model)
         if self.changed and before is not None and not _is_consistent(found):

@@ -45,7 +45,8 @@ _KEYFRAME_ANGLE = 0.20943951023931953
 _LEAST_INLIERS, _LARGEST_TURN, _LARGEST_SHIFT = 0.6, np.deg2rad(10.0), 0.1
 #: Number of consecutive failures after which a frame is relocalised with respect to all keyframes.
 _FAILURES = 3
-#: Maximum predicted angle between the directions of view of a loop [rad], its minimum fraction of inliers, and how many keyframes it must go back.
+#: Maximum predicted angle between the directions of view of a loop [rad], its minimum fraction of inliers, and how many
+#: keyframes it must go back.
 _LOOP_ANGLE, _LOOP_INLIERS, _LOOP_GAP = np.deg2rad(20.0), 0.75, 8
 #: Factor of the covariances, calibrated on simulation.
 _SCALE = 10.0
