@@ -7,7 +7,7 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
-from safe_inspect.rendezvous.front_end.submap import prepared_cloud, register
+from safe_inspect.rendezvous.front_end.gicp import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
 from safe_inspect.rendezvous.poses import Edge, difference, inverse, move, pose, rotation_exp
 
