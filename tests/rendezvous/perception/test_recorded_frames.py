@@ -21,8 +21,8 @@ from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame, TimeOfFlightCamera
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
 from safe_inspect.rendezvous.front_end.gicp import prepared_cloud, register
+from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd, ModelFrontEnd
 from safe_inspect.rendezvous.poses import Edge, inverse, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget
