@@ -38,7 +38,7 @@ from safe_inspect.types import FloatArray
 
 #: A motion is first accepted when the standard deviation of its attitude is below this [rad]. A covariance describes
 #: only rotations close to the estimate: fits of a few seconds with strong noise can have the target turn the other way.
-_FIRST_ATTITUDE = np.deg2rad(20.0)
+_FIRST_ATTITUDE = np.deg2rad(10.0)
 
 
 @dataclass(frozen=True, eq=False)
