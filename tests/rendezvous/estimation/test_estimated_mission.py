@@ -134,12 +134,12 @@ def test_before_it_is_known_the_errors_say_so(watched: MissionResult) -> None:
 
 @pytest.mark.slow
 def test_a_motion_whose_attitude_is_hardly_known_is_not_believed() -> None:
-    """In this mission the first fits turn the target the other way, with an attitude known to 20 degrees and worse."""
+    """In this mission the first fits turn the target the other way, with an attitude known to 14 degrees and worse."""
     result = Mission(
         load_rendezvous(
             _FILE,
             ["tumble={functor: RandomTumble}", "sensors.camera.profile=harsh", "mission.observe=90 s",
-             "mission.time_limit=37 s"],
+             "mission.time_limit=42 s"],
         ).config,
         50020,
     ).run()  # fmt: skip
