@@ -30,6 +30,8 @@ _LEAST_POINTS = 150
 _KEYFRAME_ANGLE = 0.20943951023931953
 #: Minimum fraction of inliers of an accepted registration, and its maximum difference from the prediction [rad, m].
 _LEAST_INLIERS, _LARGEST_TURN, _LARGEST_SHIFT = 0.6, np.deg2rad(10.0), 0.1
+#: The same where the prediction is confirmed: a part of the target that comes into view has no keyframe yet.
+_LEAST_CONFIRMED, _CONFIRMED_TURN, _CONFIRMED_SHIFT = 0.3, np.deg2rad(3.0), 0.03
 #: Number of consecutive failures after which a frame is relocalised with respect to all keyframes.
 _FAILURES = 3
 #: Maximum predicted angle between the directions of view of a loop [rad], its minimum fraction of inliers, and how many
@@ -158,12 +160,12 @@ class _SubmapFrontEndRun:
         return None
 
     def _accepts(self, start: FloatArray, found: Registration) -> bool:
-        off = difference(start, found.pose)
+        turn = float(np.linalg.norm(difference(start, found.pose)[:3]))
         middle = self.keyframes[-1].cloud.points.mean(axis=0, keepdims=True)
-        shift = np.linalg.norm(move(found.pose, middle) - move(start, middle))
-        return bool(
-            found.inliers >= _LEAST_INLIERS and np.linalg.norm(off[:3]) <= _LARGEST_TURN and shift <= _LARGEST_SHIFT
-        )
+        shift = float(np.linalg.norm(move(found.pose, middle) - move(start, middle)))
+        is_confirmed = self._motion.is_known and turn <= _CONFIRMED_TURN and shift <= _CONFIRMED_SHIFT
+        least = _LEAST_CONFIRMED if is_confirmed else _LEAST_INLIERS
+        return found.inliers >= least and turn <= _LARGEST_TURN and shift <= _LARGEST_SHIFT
 
     def _skips(self, number: int, T_GB: FloatArray, cloud: PreparedCloud) -> list[Edge]:  # noqa: N803
         """Return the edges to the keyframes before the last one."""
