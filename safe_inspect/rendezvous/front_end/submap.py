@@ -163,7 +163,7 @@ class _SubmapFrontEndRun:
         turn = float(np.linalg.norm(difference(start, found.pose)[:3]))
         middle = self.keyframes[-1].cloud.points.mean(axis=0, keepdims=True)
         shift = float(np.linalg.norm(move(found.pose, middle) - move(start, middle)))
-        is_confirmed = self._motion.is_known and turn <= _CONFIRMED_TURN and shift <= _CONFIRMED_SHIFT
+        is_confirmed = turn <= _CONFIRMED_TURN and shift <= _CONFIRMED_SHIFT
         least = _LEAST_CONFIRMED if is_confirmed else _LEAST_INLIERS
         return found.inliers >= least and turn <= _LARGEST_TURN and shift <= _LARGEST_SHIFT
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,22 @@ def test_it_keeps_its_place_where_only_a_small_face_is_seen(streams: Streams, sh
     edges = [run.step(shoot(one, k, time=float(k)), None, np.eye(3)) for k, one in enumerate(truth)]
     assert all(edges[1:])
     assert max(_degrees(edge, truth) for step in edges for edge in step) < 6.0  # 42 without the prediction
+
+
+def test_a_part_that_comes_into_view_does_not_stop_it(streams: Streams, shoot: Shoot) -> None:
+    """The left part of the target alone is seen at first; then fewer than half of a frame's points are known."""
+    frames = []
+    for k, one in enumerate(truth := spin(7, rate=1.0)):
+        frame = shoot(one, k, time=float(k))
+        columns = np.arange(frame.depth.shape[1]) < (100 if k < 5 else 224)
+        depth = np.where(columns, frame.depth, 0.0)
+        valid = frame.valid & columns
+        frames.append(replace(frame, depth=depth, valid=valid))
+    run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    edges = [run.step(frame, None, np.eye(3)) for frame in frames]
+    assert all(edges[1:])
+    assert edges[5][0].inliers < 0.6
+    assert max(_degrees(edge, truth) for step in edges for edge in step) < 3.0
 
 
 def test_odometry_keyframes_and_skip_edges(streams: Streams, shoot: Shoot) -> None:
