@@ -27,7 +27,7 @@ from safe_inspect.rendezvous.front_end.model_registration import ModelRegistrati
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.rendezvous.target.surface import SurfacePoints
+from safe_inspect.rendezvous.target.surface import MeshSurface, Offsets, SurfacePoints
 from safe_inspect.types import FloatArray
 
 _INFORMATION = np.diag(np.repeat([np.deg2rad(2.0), 0.02], 3) ** -2.0)
@@ -41,10 +41,17 @@ def _all_of_them(self: SurfacePoints, _: FloatArray) -> SurfacePoints:
     return self
 
 
+def _within_edges(self: MeshSurface, samples: SurfacePoints, positions: FloatArray) -> Offsets:
+    found = _NEAREST(self, samples, positions)
+    return found._replace(beyond=np.zeros_like(found.beyond))
+
+
+_NEAREST = MeshSurface.nearest
 #: Name, prior or not, cut [m], edges of the depth image that are dropped [m], and what is patched.
 _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextManager[Any]]], ...] = (
     ("as it is", True, 0.03, np.inf, nullcontext),
     ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "add_silhouette", _no_outline)),
+    ("no distance beyond edges", True, 0.03, np.inf, lambda: patch.object(MeshSurface, "nearest", _within_edges)),
     ("the rear too", True, 0.03, np.inf, lambda: patch.object(SurfacePoints, "facing", _all_of_them)),
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),
