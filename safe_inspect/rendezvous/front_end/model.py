@@ -23,7 +23,8 @@ _LEAST_POINTS, _SEARCH_POINTS = 150, 300
 _USED_POINTS = 1500
 #: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
-#: Maximum difference of an accepted pose of the shape from the prediction [rad, m].
+#: Maximum difference of an accepted pose of the chaser from the prediction [rad, m], while the motion is not known yet
+#: of the shape: a target that turns moves the chaser in M.
 _LARGEST_OFF = (np.deg2rad(25.0), 0.25)
 #: Standard deviations of the prediction of this front end and of that of the back end [rad, m].
 _PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
@@ -225,7 +226,8 @@ class _ModelFrontEndRun:
         failed = []
         for hypothesis in self._hypotheses:
             start, found = self._registered(cloud, hypothesis.motion, time, expected)
-            off = difference(inverse(start), inverse(found.pose))  # of the shape in B
+            is_known = hypothesis.motion.is_known
+            off = difference(start, found.pose) if is_known else difference(inverse(start), inverse(found.pose))
             hypothesis.score = found.score
             if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
                 hypothesis.found, hypothesis.failures = found, 0
