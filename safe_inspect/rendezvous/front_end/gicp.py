@@ -20,7 +20,7 @@ _REACH = (0.06, 0.03)
 #: Standard deviations of the error between two views that does not decrease with the number of points [rad, m].
 _VIEW = (np.deg2rad(0.5), 4e-3)
 #: Standard deviations about the middle of a cloud of the prediction of its pose, and of a pose without one [rad, m];
-#: and that of the height of a point above the surface, where four neighbours count as one because they err alike [m].
+#: and that of the height of a point above the surface, of which neighbours have similar errors [m].
 _PREDICTION, _UNPREDICTED, _HEIGHT = (np.deg2rad(2.0), 0.02), (np.deg2rad(10.0), 0.05), 0.01
 
 
