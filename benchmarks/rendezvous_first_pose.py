@@ -10,13 +10,10 @@ which the last one was, and gives the time until the first pose and how many of 
 
 from __future__ import annotations
 
-import argparse
-import os
-from multiprocessing import get_context
-
 import numpy as np
 from machine import machine
 from rendezvous_perception import gyro_turn
+from tumbles import FOLDER, Job, measured, parsed
 
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.metrics.statistics import wilson
@@ -27,14 +24,13 @@ from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.plugins import ModelFrontEnd, PipelineEstimator
 from safe_inspect.rendezvous.poses import MODEL, difference, pose
 
-_FOLDER = "configs/tumbling-rendezvous"
 _WRONG = 10.0
 
 
-def _measure(job: tuple[tuple[str, ...], int, float]) -> tuple[int, float, float, float, float]:
+def _measure(job: Job) -> tuple[int, float, float, float, float]:
     """Return number, time of the first pose [s], errors of the first and last pose [degrees], frames without one."""
     overrides, number, seconds = job
-    config = load_rendezvous(f"{_FOLDER}/experiment.yml", overrides).config
+    config = load_rendezvous(f"{FOLDER}/experiment.yml", overrides).config
     estimator = config.estimator
     front_end = estimator.front_end if isinstance(estimator, PipelineEstimator) else ModelFrontEnd()
     streams = Streams(config.seed, np.array([number]), np.zeros(1, np.int64))
@@ -55,24 +51,13 @@ def _measure(job: tuple[tuple[str, ...], int, float]) -> tuple[int, float, float
 
 def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE")
-    parser.add_argument("--target", help="a file of configs/tumbling-rendezvous/targets; Envisat by default")
-    parser.add_argument("--tumbles", type=int, default=100)
-    parser.add_argument("--seconds", type=float, default=40.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    arguments = parser.parse_args()
-    target = [f"target=!include {_FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
-    overrides = ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    jobs = [(overrides, number, arguments.seconds) for number in range(arguments.tumbles)]
+    assert __doc__ is not None
+    arguments = parsed(__doc__, 40.0, 100)
     rows = []
-    with get_context("spawn").Pool(arguments.workers) as pool:
-        for row in pool.imap_unordered(_measure, jobs):
-            rows.append(row)
-            print(f"{len(rows)} of {len(jobs)}: tumble {row[0]}, first pose at {row[1]:.0f} s, off by {row[2]:.1f}, "
-                  f"in the end by {row[3]:.1f} degrees, {row[4]:.0f} frames without", flush=True)  # fmt: skip
+    for row in measured(_measure, arguments):
+        rows.append(row)
+        print(f"tumble {row[0]} of {arguments.tumbles}: first pose at {row[1]:.0f} s, off by {row[2]:.1f}, "
+              f"in the end by {row[3]:.1f} degrees, {row[4]:.0f} frames without", flush=True)  # fmt: skip
     _, times, first, final, missing = np.array(sorted(rows)).T
     found = np.isfinite(times)
     for name, count, of in (

@@ -10,14 +10,12 @@ Overrides are those of configs/tumbling-rendezvous/experiment.yml.
 
 from __future__ import annotations
 
-import argparse
-import os
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from machine import machine
+from tumbles import FOLDER, Job, measured, parsed
 
 from safe_inspect.errors import ConfigError
 from safe_inspect.missions.log_estimate import estimate_log, summary_of
@@ -26,13 +24,11 @@ from safe_inspect.missions.sensor_log_writer import record_watch
 from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd, PipelineEstimator
 
-_FOLDER = "configs/tumbling-rendezvous"
 
-
-def _measure(job: tuple[tuple[str, ...], int, float]) -> tuple[float, ...]:
+def _measure(job: Job) -> tuple[float, ...]:
     """Return frames without a pose, attitude error [deg], its sigma [deg] and rate error [deg/s]; NaN if unknown."""
     overrides, number, seconds = job
-    config = load_rendezvous(f"{_FOLDER}/experiment.yml", overrides).config
+    config = load_rendezvous(f"{FOLDER}/experiment.yml", overrides).config
     with TemporaryDirectory() as folder:
         record_watch(Path(folder), config, number, seconds)
         log = read_sensor_log(folder)
@@ -50,24 +46,13 @@ def _measure(job: tuple[tuple[str, ...], int, float]) -> tuple[float, ...]:
 
 def main() -> None:
     """Print a line for each tumble, then quantiles."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE")
-    parser.add_argument("--target", help="a file of configs/tumbling-rendezvous/targets; Envisat by default")
-    parser.add_argument("--tumbles", type=int, default=20)
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    arguments = parser.parse_args()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    target = [f"target=!include {_FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
-    overrides = ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
-    jobs = [(overrides, number, arguments.seconds) for number in range(arguments.tumbles)]
+    assert __doc__ is not None
+    arguments = parsed(__doc__, 120.0, 20)
     rows = []
-    with get_context("spawn").Pool(arguments.workers) as pool:
-        for row in pool.imap(_measure, jobs):
-            rows.append(row)
-            print(f"tumble {len(rows) - 1}: {row[0]:.0f} frames without a pose, attitude off by {row[1]:.2f} deg "
-                  f"(sigma {row[2]:.1f}), rate by {row[3]:.3f} deg/s", flush=True)  # fmt: skip
+    for row in measured(_measure, arguments):
+        rows.append(row)
+        print(f"tumble {len(rows) - 1}: {row[0]:.0f} frames without a pose, attitude off by {row[1]:.2f} deg "
+              f"(sigma {row[2]:.1f}), rate by {row[3]:.3f} deg/s", flush=True)  # fmt: skip
     lost, attitude, _, rate = np.array(rows).T
     known = np.isfinite(attitude)
     print(f"motion found in {known.sum()} of {len(rows)}; {lost[known].sum():.0f} frames without a pose")

@@ -62,7 +62,7 @@ def test_it_keeps_its_place_where_only_a_small_face_is_seen(streams: Streams, sh
 
 
 def test_a_part_that_comes_into_view_does_not_stop_it(streams: Streams, shoot: Shoot) -> None:
-    """The left part of the target alone is seen at first; then fewer than half of a frame's points are known."""
+    """The left part of the target alone is seen at first; then hardly more than half of a frame's points are known."""
     frames = []
     for k, one in enumerate(truth := spin(7, rate=1.0)):
         frame = shoot(one, k, time=float(k))

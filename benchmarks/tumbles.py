@@ -1,0 +1,37 @@
+"""Random tumbles of a target, each measured in a process of its own: the arguments of two benchmarks, and the loop."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+FOLDER = "configs/tumbling-rendezvous"
+#: Overrides, number of the tumble, seconds.
+Job = tuple[tuple[str, ...], int, float]
+
+
+def parsed(description: str, seconds: float, tumbles: int) -> argparse.Namespace:
+    """Return the arguments of the command line, with these defaults."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    targets = sorted(path.stem for path in Path(FOLDER, "targets").glob("*.yml"))
+    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE")
+    parser.add_argument("--target", choices=targets, help="Envisat by default")
+    parser.add_argument("--tumbles", type=int, default=tumbles)
+    parser.add_argument("--seconds", type=float, default=seconds)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    return parser.parse_args()
+
+
+def measured(measure: Callable[[Job], Any], arguments: argparse.Namespace) -> Iterator[Any]:
+    """Yield the measurement of each tumble, in order."""
+    target = [f"target=!include {FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
+    overrides = ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    jobs = [(overrides, number, arguments.seconds) for number in range(arguments.tumbles)]
+    with get_context("spawn").Pool(arguments.workers) as pool:
+        yield from pool.imap(measure, jobs)
