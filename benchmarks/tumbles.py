@@ -1,4 +1,4 @@
-"""Random tumbles of a target, each measured in a process of its own: the arguments of two benchmarks, and the loop."""
+"""Random tumbles of a target, each measured in a separate process: the arguments of two benchmarks, and the loop."""
 
 from __future__ import annotations
 
