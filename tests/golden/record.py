@@ -46,13 +46,13 @@ PARTS = {
     "trainings": trained,
     "missions": lambda: {mission: figures(mission) for mission in MISSIONS},
 }
-record = json.loads(PATH.read_text(encoding="utf-8")) if PATH.is_file() else {}
-record["arithmetic"] = arithmetic()
+record = json.loads(PATH.read_text(encoding="utf-8")) if PATH.is_file() else {"arithmetic": {}}
 asked = sys.argv[1:] or ["options", *PARTS]
 if "options" in asked:
     PATH.with_name("options.txt").write_text("\n".join(lines()) + "\n", encoding="utf-8")
 for part in asked:
     if part != "options":
         record[part] = PARTS[part]()
+        record["arithmetic"][part] = arithmetic()
 text = re.sub(r"\[\s+([^\]]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", json.dumps(record, indent=1))
 PATH.write_text(text + "\n", encoding="utf-8")

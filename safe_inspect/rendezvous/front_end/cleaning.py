@@ -16,6 +16,8 @@ _LINK = 0.08
 _LEAST_CLUSTER = 0.25
 #: Width over which the border of a silhouette is averaged to find its direction [px], and its minimum slope [1/px].
 _BLUR, _LEAST_SLOPE = 3.0, 1e-3
+#: Difference of depth at an occluding boundary [m], and width of the window about a pixel in which it is sought [px].
+_JUMP, _WINDOW = 0.03, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,8 @@ class Cloud:
         points: Positions [m], shape (n, 3).
         rays: Unit directions from the camera, shape (n, 3).
         ranges: Distances from the camera [m], shape (n,).
+        at_boundary: Whether a point is at an occluding boundary: within two pixels nothing is seen, or something
+            farther by more than 3 cm, shape (n,).
         silhouette: Row and column of the nearest pixel with a measurement, shape (2, height, width).
         outwards: Direction along rows and columns out of the silhouette at each pixel, a unit vector near its border,
             shape (2, height, width).
@@ -35,6 +39,7 @@ class Cloud:
     points: FloatArray
     rays: FloatArray
     ranges: FloatArray
+    at_boundary: BoolArray
     silhouette: IntArray
     outwards: FloatArray
     nearest: FloatArray
@@ -47,7 +52,8 @@ class Cloud:
         if len(self) <= count:
             return self
         kept = np.linspace(0, len(self) - 1, count).astype(int)
-        return replace(self, points=self.points[kept], rays=self.rays[kept], ranges=self.ranges[kept])
+        names = ("points", "rays", "ranges", "at_boundary")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,7 @@ class Cleaning:
         inner = used & (largest - depth <= self.edge) & (depth - least <= self.edge)
         rays = directions[inner]
         ranges = depth[inner] / rays[:, 2]
+        farther = ndimage.maximum_filter(np.where(seen, np.where(used, depth, 0.0), np.inf), size=_WINDOW)
         silhouette, outwards = np.zeros((2, *used.shape), np.int64), np.zeros((2, *used.shape))
         if used.any():
             silhouette = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
@@ -93,8 +100,9 @@ class Cleaning:
             outwards = np.where(length > _LEAST_SLOPE, slope / np.maximum(length, _LEAST_SLOPE), 0.0)
         points = move(T_BC, rays * ranges[:, None])
         return Cloud(
-            points, rays @ T_BC[:3, :3].T, ranges, silhouette.astype(np.int64, copy=False), outwards, np.asarray(least)
-        )
+            points, rays @ T_BC[:3, :3].T, ranges, (farther - depth > _JUMP)[inner],
+            silhouette.astype(np.int64, copy=False), outwards, np.asarray(least),
+        )  # fmt: skip
 
 
 def _large_clusters(directions: FloatArray, depth: FloatArray, used: BoolArray) -> BoolArray:

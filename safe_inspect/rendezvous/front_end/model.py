@@ -209,7 +209,7 @@ class _ModelFrontEndRun:
         than the back end assumes. The better fit is returned.
         """
         start = motion.predict(time)
-        if not motion.is_known:
+        if not motion.is_known and expected is None:
             # The target may have turned about its centre, which displaces it in B much less than B in M.
             covariance = np.diag(np.repeat(_PREDICTION, 3) ** 2)
             carry, moved = adjoint(inverse(start)), np.array(_UNKNOWN_MOTION) * (time - motion.time)

@@ -19,7 +19,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.rendezvous.depth_camera import DepthCamera
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
 from safe_inspect.rendezvous.target.surface import MeshSurface, SurfacePoints
-from safe_inspect.types import FloatArray, IntArray
+from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Limit of the distance of a point in the score [m].
 FAR = 0.05
@@ -71,7 +71,8 @@ def add_surface(
     """Add the normal equations of measured points against the triangles that look to the camera.
 
     Points on a triangle that is seen at too flat an angle, or on a patch that has too few points, do not count. The
-    residuals are the height above the plane of the nearest triangle and the distance beyond its sharp edges. The
+    residuals are the height above the plane of the nearest triangle and, at an occluding boundary, the distance beyond
+    its sharp edges. Elsewhere the surface continues beyond an edge, for instance on a body that overlaps this one. The
     variance along a unit vector n is ``sigma^2 (n.d)^2 + (lateral r)^2 (1 - (n.d)^2)`` with d the ray.
 
     Args:
@@ -92,14 +93,14 @@ def add_surface(
     # Without BLAS, whose rounding depends on the processor.
     positions = transform[:3, :1] * x + transform[:3, 1:2] * y + transform[:3, 2:3] * z + transform[:3, 3:]
     triangles, height, beyond = surface.nearest(samples, positions)
-    points = (cloud.points, cloud.rays, cloud.ranges)
+    points = (cloud.points, cloud.rays, cloud.ranges, cloud.at_boundary)
     return _add_surface(sums, points, transform, surface.normals, surface.patches, triangles, height, beyond, noise)
 
 
 @njit(error_model="numpy")
 def _add_surface(
     sums: FloatArray,
-    measured: tuple[FloatArray, FloatArray, FloatArray],
+    measured: tuple[FloatArray, FloatArray, FloatArray, BoolArray],
     transform: FloatArray,
     normals: FloatArray,
     patches: IntArray,
@@ -108,7 +109,7 @@ def _add_surface(
     beyond: FloatArray,
     noise: tuple[float, float, float, float],
 ) -> tuple[float, int]:
-    points, rays, ranges = measured
+    points, rays, ranges, at_boundary = measured
     sigma0, growth, lateral, cut = noise
     number, limit = len(triangles), cut * cut
     past, square, counts = np.empty(number), np.empty(number), np.zeros(patches.max() + 1)
@@ -124,7 +125,7 @@ def _add_surface(
     for sides in range(2):  # the heights, then the distances beyond sharp edges
         for k in range(number):
             many = counts[patches[triangles[k]]] >= _LEAST_SHARE * number
-            if not many or square[k] >= limit or (sides == 1 and past[k] == 0.0):
+            if not many or square[k] >= limit or (sides == 1 and (past[k] == 0.0 or not at_boundary[k])):
                 continue
             ray = rays[k, 0], rays[k, 1], rays[k, 2]
             of = triangles[k]

@@ -288,6 +288,27 @@ def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Targ
         assert np.sqrt(x @ covariance[3:, 3:] @ x) > 0.01
 
 
+def test_the_seam_of_two_bodies_is_no_edge(streams: Streams) -> None:
+    """Points behind the seam lie next to the edge of a body that overlaps theirs, and would pull along it."""
+    experiment, file = (configs_root() / "tumbling-rendezvous" / name for name in _CUBE)
+    cube = load_rendezvous(experiment, [f"target=!include {file}"]).config.target()
+    registration, cleaning = ModelFrontEnd().registration(cube, CAMERA, T_BC), Cleaning(CAMERA, edge=np.inf)
+    renderer, offset = TimeOfFlightCamera()(cube), np.zeros(6)
+    expected = np.diag(np.repeat([np.deg2rad(0.5), 0.005], 3) ** -2.0)
+    first, last = np.array([[2.435, -1.24, 0.139, -0.622, 0.245, -0.096], [2.714, -0.681, -0.156, -0.6, -0.044, 0.114]])
+    for number, share in enumerate(np.linspace(0.0, 1.0, 12)):
+        place = (1.0 - share) * first + share * last
+        truth = pose(rotation_exp(place[:3]), place[3:])
+        eye = truth @ T_BC
+        cloud = cleaning(renderer.render(eye[:3, :3], eye[:3, 3], streams, number, 0.0), T_BC).thinned(1500)
+        found = registration(cloud, perturbed(truth, offset), expected)  # the error of the last frame stays
+        offset = difference(truth, found.pose)
+        assert np.linalg.norm(offset[3:]) < 0.03
+        assert offset @ np.linalg.solve(found.covariance(), offset) / 6.0 < 8.0
+    assert np.linalg.norm(offset[3:]) < 0.012
+
+
+_CUBE = ("experiment.yml", "targets/cube_with_nook.yml")
 _TARGETS = sorted((configs_root() / "tumbling-rendezvous" / "targets").glob("*.yml"))
 
 
