@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
@@ -24,6 +25,7 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig, SensorsConfig
 from safe_inspect.rendezvous.front_end import model_registration as module
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
 from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration
+from safe_inspect.rendezvous.front_end.residuals import RangeNoise, add_surface
 from safe_inspect.rendezvous.plugins import ModelFrontEnd
 from safe_inspect.rendezvous.poses import difference, perturbed, pose, rotation_exp
 from safe_inspect.rendezvous.target.model import Target
@@ -46,12 +48,20 @@ def _within_edges(self: MeshSurface, samples: SurfacePoints, positions: FloatArr
     return found._replace(beyond=np.zeros_like(found.beyond))
 
 
+def _all_edges(
+    sums: FloatArray, surface: MeshSurface, samples: SurfacePoints, at: FloatArray, cloud: Cloud, noise: RangeNoise
+) -> tuple[float, int]:
+    everywhere = replace(cloud, at_boundary=np.ones_like(cloud.at_boundary))
+    return add_surface(sums, surface, samples, at, everywhere, noise)
+
+
 _NEAREST = MeshSurface.nearest
 #: Name, prior or not, cut [m], edges of the depth image that are dropped [m], and what is patched.
 _VARIANTS: tuple[tuple[str, bool, float, float, Callable[[], AbstractContextManager[Any]]], ...] = (
     ("as it is", True, 0.03, np.inf, nullcontext),
     ("no silhouette", True, 0.03, np.inf, lambda: patch.object(module, "add_silhouette", _no_outline)),
     ("no distance beyond edges", True, 0.03, np.inf, lambda: patch.object(MeshSurface, "nearest", _within_edges)),
+    ("beyond all edges", True, 0.03, np.inf, lambda: patch.object(module, "add_surface", _all_edges)),
     ("the rear too", True, 0.03, np.inf, lambda: patch.object(SurfacePoints, "facing", _all_of_them)),
     ("no prior", False, 0.03, np.inf, nullcontext),
     ("cut 2 cm", True, 0.02, np.inf, nullcontext),

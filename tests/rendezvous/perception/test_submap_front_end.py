@@ -7,7 +7,7 @@ import pytest
 
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.depth_camera import DepthFrame
-from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.front_end.base import FrontEndContext, Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.gicp import prepared_cloud, register
 from safe_inspect.rendezvous.plugins import GicpSubmapFrontEnd
@@ -62,19 +62,35 @@ def test_it_keeps_its_place_where_only_a_small_face_is_seen(streams: Streams, sh
 
 
 def test_a_part_that_comes_into_view_does_not_stop_it(streams: Streams, shoot: Shoot) -> None:
-    """The left part of the target alone is seen at first; then hardly more than half of a frame's points are known."""
+    """The left part of the target alone is seen at first; then six tenths of a frame's points are known."""
     frames = []
     for k, one in enumerate(truth := spin(7, rate=1.0)):
         frame = shoot(one, k, time=float(k))
-        columns = np.arange(frame.depth.shape[1]) < (100 if k < 5 else 224)
+        columns = np.arange(frame.depth.shape[1]) < (105 if k < 5 else 224)
         depth = np.where(columns, frame.depth, 0.0)
         valid = frame.valid & columns
         frames.append(replace(frame, depth=depth, valid=valid))
     run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
     edges = [run.step(frame, None, np.eye(3)) for frame in frames]
     assert all(edges[1:])
-    assert edges[5][0].inliers < 0.6
+    assert edges[5][0].inliers < 0.7
     assert max(_degrees(edge, truth) for step in edges for edge in step) < 3.0
+
+
+@pytest.mark.parametrize(
+    ("inliers", "turn", "shift", "accepted"),
+    [(0.65, 5.0, 0.05, True), (0.45, 5.0, 0.0, False), (0.45, 2.0, 0.02, True), (0.45, 2.0, 0.05, False),
+     (0.25, 0.0, 0.0, False), (0.9, 12.0, 0.0, False)],
+)  # fmt: skip
+def test_few_common_points_suffice_where_the_prediction_is_confirmed(
+    streams: Streams, shoot: Shoot, inliers: float, turn: float, shift: float, accepted: bool
+) -> None:
+    run = GicpSubmapFrontEnd()(FrontEndContext(CAMERA, T_BC, None, streams))
+    run.step(shoot(spin(1)[0]), None, np.eye(3))
+    middle = run.keyframes[0].cloud.points.mean(axis=0)
+    rotation = rotation_exp(np.deg2rad([turn, 0.0, 0.0]))
+    found = Registration(pose(rotation, middle - rotation @ middle + [0.0, shift, 0.0]), np.eye(6), 0.0, inliers, 1.0)
+    assert run._accepts(np.eye(4), found) == accepted
 
 
 def test_odometry_keyframes_and_skip_edges(streams: Streams, shoot: Shoot) -> None:
