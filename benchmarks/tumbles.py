@@ -14,14 +14,15 @@ FOLDER = "configs/tumbling-rendezvous"
 Job = tuple[tuple[str, ...], int, float]
 
 
-def parsed(description: str, seconds: float, tumbles: int) -> argparse.Namespace:
-    """Return the arguments of the command line, with these defaults."""
+def parsed(description: str, seconds: float | None, tumbles: int) -> argparse.Namespace:
+    """Return the arguments of the command line, with these defaults; without seconds there is no such argument."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     targets = sorted(path.stem for path in Path(FOLDER, "targets").glob("*.yml"))
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE")
     parser.add_argument("--target", choices=targets, help="Envisat by default")
     parser.add_argument("--tumbles", type=int, default=tumbles)
-    parser.add_argument("--seconds", type=float, default=seconds)
+    if seconds is not None:
+        parser.add_argument("--seconds", type=float, default=seconds)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     return parser.parse_args()
@@ -32,6 +33,6 @@ def measured(measure: Callable[[Job], Any], arguments: argparse.Namespace) -> It
     target = [f"target=!include {FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
     overrides = ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    jobs = [(overrides, number, arguments.seconds) for number in range(arguments.tumbles)]
+    jobs = [(overrides, number, getattr(arguments, "seconds", 0.0)) for number in range(arguments.tumbles)]
     with get_context("spawn").Pool(arguments.workers) as pool:
         yield from pool.imap(measure, jobs)
