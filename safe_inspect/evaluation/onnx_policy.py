@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from safe_inspect.config.elements import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.config.experiment import build_experiment
 from safe_inspect.config.loading.located import LocatedDict
 from safe_inspect.config.overrides import apply_overrides
@@ -16,14 +17,11 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
 from safe_inspect.evaluation.policy_file import (
-    CONTROL_STEPS,
     NEXT_STATE,
     POLICY_FORMAT,
     RECURRENT_FORMAT,
     PolicyInfo,
     check_layout,
-    element_columns,
-    raw_task,
     read_file,
 )
 from safe_inspect.random.action_draws import Categorical, Gaussian, Greedy, Hurdle, draw_choices, draw_in_rollout

@@ -15,10 +15,10 @@ from model_cards import CardData, model_card
 from random_checkpoint import LEVELS, discrete, experiment_of, scaled
 
 from safe_inspect.config.data import configs_root
+from safe_inspect.config.elements import element_columns
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy
-from safe_inspect.evaluation.policy_file import element_columns
 from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
 from safe_inspect.experiments.settings.policies import policy_info
 from safe_inspect.version import __version__

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from random_checkpoint import experiment_of, single_run
 
+from safe_inspect.config.elements import ObservedElement
 from safe_inspect.errors import CheckpointError
-from safe_inspect.evaluation.policy_file import ObservedElement
 from safe_inspect.experiments.modules.checkpoints import INFO, initial_weights, starting_weights
 
 SOURCE = "burn-and-coast"

@@ -18,6 +18,7 @@ import torch
 from gymnasium.vector.utils import batch_space
 from ray.rllib.core.rl_module.rl_module import RLModule
 
+from safe_inspect.config.elements import element_columns
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.facades.spaces import box
@@ -25,7 +26,7 @@ from safe_inspect.environments.layout import observation_layout
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, element_columns, seal
+from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
 from safe_inspect.experiments.modules.checkpoints import (

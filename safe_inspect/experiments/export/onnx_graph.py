@@ -13,8 +13,9 @@ from ray.rllib.core.columns import Columns
 from ray.rllib.core.models.base import ACTOR, CRITIC
 from ray.rllib.core.models.torch.heads import TorchFreeLogStdMLPHead
 
+from safe_inspect.config.elements import element_columns
 from safe_inspect.errors import CheckpointError, SafeInspectError
-from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo, element_columns
+from safe_inspect.evaluation.policy_file import NEXT_STATE, PolicyInfo
 from safe_inspect.experiments.modules.saved_policy import DqnPolicy, SacPolicy
 from safe_inspect.types import FloatArray
 from safe_inspect.version import __version__

@@ -22,10 +22,10 @@ from ray.rllib.core.rl_module.rl_module import RLModule, RLModuleSpec
 from ray.rllib.utils import replay_buffers
 from ray.tune.registry import get_trainable_cls, register_env
 
+from safe_inspect.config.elements import CONTROL_STEPS
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FRESH_KEYS, OWN_KEYS
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
-from safe_inspect.evaluation.policy_file import CONTROL_STEPS
 from safe_inspect.experiments.learning.ppo_learner import THREADS, FastPPOLearner
 from safe_inspect.experiments.modules.policy import frozen_spec, policy_spec
 from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, BatchedTeamRunner, RunCallbacks

@@ -27,8 +27,9 @@ import safetensors.numpy
 from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
+from safe_inspect.config.elements import ObservedElement, difference_of
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.policy_file import POLICY_FORMAT, ObservedElement, PolicyInfo, difference_of
+from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.modules.run_folder import PARAMETERS, RunFolder, parameters_text, read_parameters
 from safe_inspect.outputs import new_file

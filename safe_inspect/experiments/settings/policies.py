@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from safe_inspect.config.elements import commanded_elements, observed_elements
 from safe_inspect.config.experiment import Experiment, build_experiment
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout, action_layout
 from safe_inspect.errors import Problem
-from safe_inspect.evaluation.policy_file import PolicyInfo, commanded_elements, observed_elements
+from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.experiments.settings.translation import translate_policy
 
 #: The value of `maker` that selects this package's own environments.
