@@ -224,8 +224,8 @@ def test_bounds_that_do_not_fit_are_refused_with_one_message(arguments, words):
         (("z_vel",), CLOSED, 1, 1.0, "of the `vel_limit` 1 m/s of z_vel"),
         (("z_vel",), PLAN, 1, 2.0, None),
         ((), PLAN, 3, 0.99, None),
-        ((), PLAN, 3, 1.0, "of the thrust `u_max` 1 N"),
-        ((), CLOSED, 3, 1.0, "of the thrust `u_max` 1 N"),
+        ((), PLAN, 3, 1.001, "of the thrust `u_max` 1 N"),
+        ((), CLOSED, 3, 1.001, "of the thrust `u_max` 1 N"),
     ],
 )
 @pytest.mark.parametrize("share", [0.0, 0.4])
