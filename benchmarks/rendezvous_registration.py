@@ -83,9 +83,9 @@ def _print_half_turn(
 
 
 def _print_errors_at_mating_point(
-    registration: ModelRegistration, cleaning: Cleaning, target: Target, mount: FloatArray, count: int = 60
+    name: str, registration: ModelRegistration, cleaning: Cleaning, target: Target, mount: FloatArray, count: int = 60
 ) -> None:
-    """Print errors and their ratio to the covariance near the mating point."""
+    """Print errors of a variant and their ratio to the covariance near the mating point."""
     random, streams = np.random.default_rng(0), Streams(0, np.zeros(1, np.int64), np.zeros(1, np.int64))
     renderer = DepthRenderer(cleaning.camera, target.mesh, PROFILES["nominal"])
     place, corner = target.R_MT @ target.mating_point, target.R_MT @ target.landmark
@@ -101,7 +101,7 @@ def _print_errors_at_mating_point(
         turn = difference(truth, found.pose)[:3]
         errors.append(np.rad2deg(np.linalg.norm(turn)))
         nees.append(turn @ np.linalg.solve(found.covariance()[:3, :3], turn) / 3.0)
-    print(f"at the mating point: {count} frames  median {np.median(errors):.2f}  95th percentile "
+    print(f"at the mating point, {name}: {count} frames  median {np.median(errors):.2f}  95th percentile "
           f"{np.percentile(errors, 95):.2f} degrees  NEES for each degree of freedom {np.mean(nees):.2f}")  # fmt: skip
 
 
@@ -136,7 +136,9 @@ def main() -> None:
         )
     registration, cleaning = own.registration(target, camera.geometry, mount), Cleaning(camera.geometry, edge=np.inf)
     _print_half_turn(registration, cleaning, seen, mount)
-    _print_errors_at_mating_point(registration, cleaning, target, mount)
+    for name, _, _, _, change in _VARIANTS[:3]:
+        with change():
+            _print_errors_at_mating_point(name, registration, cleaning, target, mount)
 
 
 if __name__ == "__main__":
