@@ -93,6 +93,9 @@ def _apply(tree: Any, override: str, location: Location, model: type[BaseModel])
         holders = _walk(tree, parts[:-1]) if parts[1:] else []
         found = [(*path, parts[-1]) for path in holders if isinstance(value_at(tree, path), Mapping)]
         found = found or _missing(tree, parts, model)
+        if not found and parts[1:]:  # a mapping that no file gives: its other values keep their defaults
+            places = [path for path in _missing(tree, parts[:-1], model) if value_at(tree, path) is None]
+            found = [(*path, parts[-1]) for path in places]
         if len(found) == len(parts) == 1 and in_plugin(tree, found[0]):
             note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
             warnings.warn(note, stacklevel=2)

@@ -11,6 +11,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.errors import ConfigError, InitialStateError, MissingLibraryError
 from safe_inspect.missions.scenario import check_scenario, initial_tumbles, mission_streams
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous, read_target
+from safe_inspect.rendezvous.inertial_unit import ImuNoise
 from safe_inspect.rendezvous.libraries import require
 
 SHIPPED = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
@@ -243,3 +244,18 @@ def test_a_key_that_no_file_has_is_overridden_by_its_name(override, part, key, v
 def test_a_misspelt_key_that_no_file_has_is_recognised() -> None:
     with pytest.raises(ConfigError, match="there is no `time_limt` in the configuration; did you mean `time_limit`"):
         load_rendezvous(SHIPPED, ["time_limt=5 s"])
+
+
+@pytest.mark.parametrize("path", ["sensors.imu.rate_bias", "imu.rate_bias"])
+def test_a_key_in_a_mapping_that_no_file_has_leaves_the_other_defaults(path):
+    imu = load_rendezvous(SHIPPED, [f"{path}=1e-7"]).config.sensors.imu
+    assert imu == ImuNoise(rate_bias=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [("sensors.imu.rate_bais=1", "unexpected keyword"), ("mission.time_limit.foo=5", "must have the keys `value`")],
+)
+def test_a_wrong_key_in_a_mapping_that_no_file_has_is_refused(override, message):
+    with pytest.raises(ConfigError, match=message):
+        load_rendezvous(SHIPPED, [override])
