@@ -80,23 +80,25 @@ def main() -> None:
     assert __doc__ is not None
     arguments = parsed(__doc__, None, 200)
     rows = []
-    for row in measured(_measure, arguments):
+    for number, row in enumerate(measured(_measure, arguments)):
         rows.append(row)
-        print(f"{len(rows)} of {arguments.tumbles}: error relative to the bound: position {row[0]:.2f}, velocity "
-              f"{row[1]:.2f}, force {row[2]:.2f}; bound {100.0 * row[3]:.1f} cm", flush=True)  # fmt: skip
-    position, velocity, force, width = np.array(rows).T
-    started = np.isfinite(width)
-    largest = np.maximum(np.maximum(position, velocity), force)[started]
-    print(f"{int(started.sum())} of {len(rows)} missions start an approach")
-    for name, ratio in (
-        ("all together", largest), ("position", position[started]), ("velocity", velocity[started]),
-        ("force", force[started]),
-    ):  # fmt: skip
+        text = "no approach" if np.isnan(row[3]) else (
+            f"error relative to the bound: position {row[0]:.2f}, velocity {row[1]:.2f}, force {row[2]:.2f}; "
+            f"bound {100.0 * row[3]:.1f} cm"
+        )  # fmt: skip
+        print(f"mission {number} of {arguments.tumbles}: {text}", flush=True)
+    started = [row for row in rows if np.isfinite(row[3])]
+    print(f"{len(started)} of {len(rows)} missions start an approach")
+    if not started:
+        return
+    position, velocity, force, width = np.array(started).T
+    largest = np.maximum(np.maximum(position, velocity), force)
+    for name, ratio in (("all together", largest), ("position", position), ("velocity", velocity), ("force", force)):
         held = int((ratio <= 1.0).sum())
-        low, high = wilson(held, len(ratio)) if len(ratio) else (np.nan, np.nan)
+        low, high = wilson(held, len(ratio))
         print(f"{name}: {held} of {len(ratio)} hold [{low:.3f}, {high:.3f}]; "
               f"error relative to the bound: median {np.median(ratio):.2f}, largest {ratio.max():.2f}")  # fmt: skip
-    print(f"largest width of the bound: {100.0 * np.nanmedian(width):.1f} cm in the median")
+    print(f"largest width of the bound: {100.0 * np.median(width):.1f} cm in the median")
     print(f"{arguments.target or 'Envisat'}, seed {arguments.seed}, {' '.join(arguments.overrides)}; {machine()}")
 
 

@@ -9,6 +9,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from safe_inspect.errors import ConfigError
+from safe_inspect.rendezvous.experiment import load_rendezvous
+
 FOLDER = "configs/tumbling-rendezvous"
 #: Overrides, number of the tumble, seconds.
 Job = tuple[tuple[str, ...], int, float]
@@ -25,13 +28,22 @@ def parsed(description: str, seconds: float | None, tumbles: int) -> argparse.Na
         parser.add_argument("--seconds", type=float, default=seconds)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    try:
+        load_rendezvous(f"{FOLDER}/experiment.yml", _overrides(arguments))
+    except ConfigError as error:
+        parser.error(str(error))
+    return arguments
+
+
+def _overrides(arguments: argparse.Namespace) -> tuple[str, ...]:
+    target = [f"target=!include {FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
+    return ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
 
 
 def measured(measure: Callable[[Job], Any], arguments: argparse.Namespace) -> Iterator[Any]:
     """Yield the measurement of each tumble, in order."""
-    target = [f"target=!include {FOLDER}/targets/{arguments.target}.yml"] if arguments.target else []
-    overrides = ("tumble={functor: RandomTumble}", f"seed={arguments.seed}", *target, *arguments.overrides)
+    overrides = _overrides(arguments)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     jobs = [(overrides, number, getattr(arguments, "seconds", 0.0)) for number in range(arguments.tumbles)]
     with get_context("spawn").Pool(arguments.workers) as pool:

@@ -308,6 +308,19 @@ def test_the_seam_of_two_bodies_is_no_edge(streams: Streams) -> None:
     assert np.linalg.norm(offset[3:]) < 0.012
 
 
+def test_points_next_to_nothing_or_to_something_farther_are_at_a_boundary() -> None:
+    """Columns from the left: a face at 1 m, one at 1.05 m, a crease of 1 cm, nothing, and at last the border."""
+    depth = np.zeros((CAMERA.height, CAMERA.width))
+    depth[:, :60], depth[:, 60:120], depth[:, 120:180] = 1.0, 1.05, 1.06
+    frame = DepthFrame(0.0, depth, np.zeros((0, 3)), depth > 0.0, ())
+    cloud = Cleaning(CAMERA, edge=np.inf)(frame, T_BC)
+    columns = np.nonzero(frame.valid)[1]
+    assert len(cloud) == len(columns)
+    np.testing.assert_array_equal(cloud.at_boundary, np.isin(columns, (58, 59, 178, 179)))
+    thin = cloud.thinned(400)
+    assert len(thin.at_boundary) == len(thin) == 400
+
+
 _CUBE = ("experiment.yml", "targets/cube_with_nook.yml")
 _TARGETS = sorted((configs_root() / "tumbling-rendezvous" / "targets").glob("*.yml"))
 
