@@ -198,10 +198,18 @@ def motion_of(known: TargetEstimate) -> Motion:
     return Motion(known.time, known.orientation, known.angular_velocity, logits_of(known.ratios))
 
 
-def covariance_at(known: TargetEstimate, time: float) -> FloatArray:
-    """Return the covariance of an estimate's tangent at another time [s], shape (8, 8)."""
-    transition = motion_of(known).transition(time)
-    return np.asarray(transition @ known.covariance @ transition.T)
+def covariance_at(known: TargetEstimate, time: float, turned: FloatArray | None = None) -> FloatArray:
+    """Return the covariance of an estimate's tangent at another time, shape (8, 8).
+
+    Args:
+        known: The estimate.
+        time: The time [s].
+        turned: Rotation of the frame W by a drift of the gyroscopes since the estimate's time, ``int R_WB dt``, shape
+            (3, 3) [s]; None to neglect it.
+    """
+    transition = motion_of(known).drifted(time, np.zeros((3, 3)) if turned is None else turned)
+    both = np.block([[known.covariance, known.drift_covariance[:8]], [known.drift_covariance.T]])
+    return np.asarray(transition @ both @ transition.T)
 
 
 def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, sigma: float) -> bool:
@@ -256,6 +264,7 @@ def newest_motion(known: TargetEstimate, history: History, time: float) -> Targe
         orientation=multiply(q_WG[-1], known.q_GT),
         angular_velocity=rotate(conjugate(known.q_GT), turn),
         covariance=np.diag(sigmas**2),
+        drift_covariance=np.concatenate((np.zeros((8, 3)), known.drift_covariance[8:])),
     )
 
 

@@ -22,7 +22,7 @@ from safe_inspect.rendezvous.estimation.states import (
     ratios_of,
     turned_by_bias,
 )
-from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL, skew
+from safe_inspect.rendezvous.poses import HALF_TURNS, MODEL
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, quantity
@@ -341,10 +341,8 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
     # Until the last frame, the drift has rotated the back end's frame W, in which the chaser's attitude is given.
     turned = turned_by_bias(history)[-1]
     orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
-    transition = np.zeros((8, 11))
-    transition[:, :8] = fit.motion.transition(time)
-    transition[:3, 8:] = -to_matrix(motion.orientation).T @ turned
-    transition[3:6, 8:] = -skew(motion.angular_velocity) @ transition[:3, 8:]
+    transition = np.concatenate((fit.motion.drifted(time, turned), np.eye(11)[8:]))
+    covariance = scale * transition @ fit.covariance @ transition.T
     axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
     q_WG = multiply(history.chaser[0], conjugate(history.glued[0]))  # noqa: N806 - G is B at the first frame
     return TargetEstimate(
@@ -353,11 +351,13 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
         angular_velocity=motion.angular_velocity,
         ratios=ratios_of(motion.logits),
         q_GT=multiply(conjugate(q_WG), fit.motion.orientation),
-        covariance=scale * transition @ fit.covariance @ transition.T,
+        covariance=covariance[:8, :8],
         axes_sigma=float(axes),
         observable=observable,
         aligned=aligned,
         misfit=misfit,
         recent_misfit=float(np.median(newest)) / MEDIAN_SIZE if len(newest) else 0.0,
         singular=shown.singular,
+        drift=fit.drift,
+        drift_covariance=covariance[:, 8:],
     )

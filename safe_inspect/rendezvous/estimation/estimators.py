@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Protocol
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.dynamics.quaternion import from_matrix, to_matrix
+from safe_inspect.dynamics.quaternion import exp, from_matrix, multiply, to_matrix
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
@@ -153,6 +153,9 @@ class _PipelineEstimatorRun:
         self._response = ActuatorResponse(context.chaser, context.step)
         self._errors, self._renewed = UNKNOWN, -np.inf
         self._rate = np.zeros(3)
+        #: The newest estimate of the motion, and the rotation of W by a drift of the gyroscopes since its time [s].
+        self._found: TargetEstimate | None = None
+        self._turned, self._reached = np.zeros((3, 3)), 0.0
         self._frame: DepthFrame | None = None
 
     def _begin(self, readings: Readings) -> EstimationPipeline:
@@ -184,14 +187,24 @@ class _PipelineEstimatorRun:
         self._rate = estimate.chaser.angular_velocity
         return estimate
 
+    def _turned_since(self, found: TargetEstimate | None, rotation: FloatArray, time: float) -> FloatArray:
+        """Return ``int R_WB dt`` since the time of an estimate, shape (3, 3) [s]."""
+        if found is not self._found:
+            self._found, self._turned = found, np.zeros((3, 3))
+            self._reached = time if found is None else found.time
+        self._turned = self._turned + (time - self._reached) * rotation
+        self._reached = time
+        return self._turned
+
     def _estimate(self, pipeline: EstimationPipeline, time: float, *, renew: bool) -> StateEstimate:
         T_WB, velocity, rate = pipeline.now()  # noqa: N806
         chaser = BodyState(T_WB[:3, 3].copy(), velocity, from_matrix(T_WB[:3, :3]), rate)
         graph, found = pipeline.graph, pipeline.target
+        turned = self._turned_since(found, T_WB[:3, :3], time)
         centre = np.zeros(3) if graph is None else graph.centre
         errors = UNKNOWN
         if graph is not None and found is not None:
-            errors = _errors(found, graph, time) if renew or self._errors is UNKNOWN else self._errors
+            errors = _errors(found, graph, time, turned) if renew or self._errors is UNKNOWN else self._errors
             if self._errors is UNKNOWN and errors.attitude > _FIRST_ATTITUDE:
                 errors = UNKNOWN
         self._errors = errors
@@ -205,7 +218,7 @@ class _PipelineEstimatorRun:
             time=time,
             updated=pipeline.updated,
             chaser=chaser,
-            target=BodyState(centre, np.zeros(3), q[0], w[0]),
+            target=BodyState(centre, np.zeros(3), multiply(exp(-turned @ found.drift), q[0]), w[0]),
             inertia=found.inertia,
             errors=errors,
             correlation=self._options.correlation,
@@ -215,9 +228,9 @@ class _PipelineEstimatorRun:
         )
 
 
-def _errors(found: TargetEstimate, graph: GraphEstimate, time: float) -> EstimateErrors:
+def _errors(found: TargetEstimate, graph: GraphEstimate, time: float, turned: FloatArray) -> EstimateErrors:
     """Return the errors at a time: the joint covariance, and the largest standard deviation of each quantity."""
-    covariance = covariance_at(found, time)
+    covariance = covariance_at(found, time, turned)
     rotation = graph.chaser[:3, :3]
     centre = rotation @ graph.centre_covariance @ rotation.T
     joint = np.zeros((14, 14))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate, to_matrix
 from safe_inspect.dynamics.tumble import tumble
-from safe_inspect.rendezvous.poses import MODEL, Edge
+from safe_inspect.rendezvous.poses import MODEL, Edge, skew
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
 #: Standard deviation of the centre's prior as a fraction of the radius that the target sweeps.
@@ -173,6 +173,9 @@ class TargetEstimate:
         recent_misfit: The same for the newest edges, removed ones included, from their median; large if the motion has
             changed.
         singular: Ratios s6 / s5 and s5 / s1 of the quadrics' singular values.
+        drift: Estimated error of the gyroscopes' bias [rad/s], shape (3,): after a time t the back end's frame W has
+            turned by ``int R_WB dt drift``, from the estimate's time on.
+        drift_covariance: Covariance of the motion's tangent and of the drift with the drift, shape (11, 3).
     """
 
     time: float
@@ -187,6 +190,8 @@ class TargetEstimate:
     misfit: float
     recent_misfit: float
     singular: tuple[float, float]
+    drift: FloatArray = field(default_factory=lambda: np.zeros(3))
+    drift_covariance: FloatArray = field(default_factory=lambda: np.zeros((11, 3)))
 
     @property
     def inertia(self) -> FloatArray:
@@ -292,6 +297,22 @@ class Motion(NamedTuple):
         turn = log(multiply(conjugate(q[8:]), q[:8]))
         rate = w[:8] - rotate(conjugate(exp(turn)), w[8:])
         return np.concatenate((turn.T, rate.T, np.diag(2.0 * size)[6:])) / (2.0 * size)
+
+    def drifted(self, time: float, turned: FloatArray) -> FloatArray:
+        """Return the derivative of the tangent at another time with respect to this tangent and to the drift.
+
+        Args:
+            time: The time [s].
+            turned: Rotation of the frame W by a drift since this motion's time, see `turned_by_bias`, shape (3, 3) [s].
+
+        Returns:
+            The derivative, shape (8, 11).
+        """
+        then = self.at(time)
+        of_drift = np.zeros((_MOTION, 3))
+        of_drift[:3] = -to_matrix(then.orientation).T @ turned
+        of_drift[3:6] = -skew(then.angular_velocity) @ of_drift[:3]
+        return np.concatenate((self.transition(time), of_drift), axis=1)
 
 
 class FitOptions(NamedTuple):
