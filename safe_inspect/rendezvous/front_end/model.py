@@ -41,10 +41,13 @@ _SEARCH_PERIOD = 3.0
 _EXPECTED_TURN = np.deg2rad(45.0)
 #: Poses whose scores exceed the best one by at most this much may be right too [m].
 _AMBIGUITY = 0.004
-#: Sum of the differences of scores over distinct views that rules a pose out at once [m]; number of distinct views from
-#: which a sixth of this sum suffices if the mean difference is more than four times its standard error; and the angle
-#: between two distinct views [rad].
-_MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
+#: Sum of the weighted differences of scores over distinct views that rules a pose out at once [m]; number of distinct
+#: views from which a sixth of this sum suffices if the mean difference is more than four times its standard error; and
+#: the angle between two distinct views [rad].
+_MARGIN, _VIEWS, _VIEW_ANGLE = 0.0015, 15, np.deg2rad(10.0)
+#: Fraction of the points at occluding boundaries above which a frame shows plates from their edges only: flying pixels
+#: then decide which pose fits best. And the time for which such frames are not searched [s].
+_EDGE_ON, _PATIENCE = 0.85, 15.0
 #: Weight of a frame in the update of the pose of G in M, and the difference [rad, m] beyond which the pose is replaced.
 _PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
 
@@ -66,7 +69,7 @@ class _Hypothesis:
         view: Attitude R_MB at the newest distinct view, shape (3, 3); None before the first one.
         failures: Number of consecutive frames in which the hypothesis did not match.
         score: Score in the newest frame [m].
-        scores: Scores at the distinct views [m].
+        scores: Scores at the distinct views [m], weighted by the fraction of the points within faces.
     """
 
     found: Registration
@@ -152,6 +155,7 @@ class _ModelFrontEndRun:
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
+        self._lost_at: float | None = None
         self._T_MG: FloatArray | None = None
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
@@ -162,18 +166,25 @@ class _ModelFrontEndRun:
             hypothesis.motion.turned(rotation)
         cloud = self._cleaning(frame, self._T_BC)
         if len(cloud) < _LEAST_POINTS:
-            self._fail(self._hypotheses)
+            self._fail(self._hypotheses, decides=False)
             return []
         cloud = cloud.thinned(_USED_POINTS)
+        within = 1.0 - float(cloud.at_boundary.mean())
+        is_edge_on = within < 1.0 - _EDGE_ON
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         was_ambiguous = len(self._hypotheses) > 1
         if self._hypotheses:
-            self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
+            failed = self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
+            self._fail(failed, decides=not is_edge_on)
+            self._arrange()
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
-            self._search(cloud, frame.time, expected)
+            self._lost_at = frame.time if self._lost_at is None else self._lost_at
+            if not is_edge_on or frame.time >= self._lost_at + _PATIENCE:
+                self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
             return []
-        self._choose()
+        self._lost_at = None
+        self._choose(within)
         best = self._hypotheses[0]
         edges = []
         if was_ambiguous and best.first_number < number:
@@ -185,11 +196,16 @@ class _ModelFrontEndRun:
                 self._place(found, predicted)
         return edges
 
-    def _fail(self, failed: list[_Hypothesis]) -> None:
-        """Count a frame in which hypotheses did not fit, and drop those that have failed too often in a row."""
+    def _fail(self, failed: list[_Hypothesis], *, decides: bool) -> None:
+        """Count a frame in which hypotheses did not fit, and drop those that have failed too often in a row.
+
+        A frame that does not decide between poses drops all hypotheses or none.
+        """
         for hypothesis in failed:
             hypothesis.failures += 1
-        self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
+        kept = [one for one in self._hypotheses if one.failures < _FAILURES]
+        if decides or not kept:
+            self._hypotheses = kept
 
     def _place(self, found: Registration, predicted: FloatArray) -> None:
         """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
@@ -221,8 +237,11 @@ class _ModelFrontEndRun:
         tried = [self._registration(cloud, at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
         return start, min(tried, key=lambda one: one.score)
 
-    def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
-        """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's."""
+    def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> list[_Hypothesis]:
+        """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's.
+
+        Return the hypotheses that do not match.
+        """
         failed = []
         for hypothesis in self._hypotheses:
             start, found = self._registered(cloud, hypothesis.motion, time, expected)
@@ -234,9 +253,12 @@ class _ModelFrontEndRun:
                 hypothesis.motion.observe(time, found.pose)
             else:
                 failed.append(hypothesis)
-        self._fail(failed)
+        return failed
+
+    def _arrange(self) -> None:
+        """Put the hypotheses that match and have the lowest scores first, and keep one of those that have met."""
         self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
-        # Of hypotheses that have become the same pose, the views to come would never decide.
+        # Between hypotheses that have become the same pose, the views to come would never decide.
         matched = [one.found for one in self._hypotheses if not one.failures]
         apart = {id(found) for found in distinct_poses(matched, len(matched))}
         self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
@@ -260,16 +282,19 @@ class _ModelFrontEndRun:
             _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
         ]
 
-    def _choose(self) -> None:
+    def _choose(self, within: float) -> None:
         """Record the scores at each distinct view and drop the hypotheses that are ruled out.
 
         A frame in which a hypothesis did not match is no view: its score is that of a wrong optimum.
+
+        Args:
+            within: Fraction of the points within faces, which is the weight of the view.
         """
         if any(one.failures for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
             return
         for one in self._hypotheses:
             one.view = one.found.pose[:3, :3]
-            one.scores.append(one.score)
+            one.scores.append(within * one.score)
         self._hypotheses.sort(key=lambda one: one.total)
         first = self._hypotheses[0]
         self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]

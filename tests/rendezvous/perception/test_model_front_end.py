@@ -85,6 +85,19 @@ def test_a_shape_that_would_hide_what_is_seen_does_not_fit(target: Target, shoot
         assert wrong.score > right.score + 7e-4
 
 
+@pytest.mark.parametrize("place", [(1.37, -0.08, 0.05), (1.37, 0.0, 0.1)])
+def test_a_plate_that_is_too_flat_to_be_measured_hides_what_is_behind_it(
+    target: Target, shoot: Shoot, place: tuple[float, ...]
+) -> None:
+    """Along Envisat's solar array: a part of the array returns no ranges, and hides half of the bus."""
+    position = np.array(place)
+    truth = pose(point_camera(np.eye(3), position, np.zeros(3)), position) @ inverse(T_BC)
+    cloud = Cleaning(CAMERA, edge=np.inf)(shoot(truth), T_BC).thinned(1500)
+    found = ModelFrontEnd().registration(target, CAMERA, T_BC)(cloud, truth, iterations=25, widening=2.5)
+    assert _degrees(truth, found.pose) < 0.6
+    assert found.score < 3e-3
+
+
 def test_spread_rotations_leave_no_gap() -> None:
     grid, random = _spread_rotations(600), np.random.default_rng(0)
     for _ in range(30):
