@@ -41,13 +41,13 @@ _SEARCH_PERIOD = 3.0
 _EXPECTED_TURN = np.deg2rad(45.0)
 #: Poses whose scores exceed the best one by at most this much may be right too [m].
 _AMBIGUITY = 0.004
-#: Sum of the weighted differences of scores over distinct views that rules a pose out at once [m]; number of distinct
-#: views from which a sixth of this sum suffices if the mean difference is more than four times its standard error; and
-#: the angle between two distinct views [rad].
-_MARGIN, _VIEWS, _VIEW_ANGLE = 0.0015, 15, np.deg2rad(10.0)
-#: Fraction of the points at occluding boundaries above which a frame shows plates from their edges only: flying pixels
-#: then decide which pose fits best. And the time for which such frames are not searched [s].
-_EDGE_ON, _PATIENCE = 0.85, 15.0
+#: Sum of the differences of scores over distinct views that rules a pose out at once [m]; largest difference of one
+#: view that counts [m], so that no view decides alone; number of distinct views from which a sixth of the sum suffices
+#: if the mean difference is more than four times its standard error; and the angle between two distinct views [rad].
+_MARGIN, _MOST, _VIEWS, _VIEW_ANGLE = 0.003, 0.002, 15, np.deg2rad(10.0)
+#: Ratio of a frame's best score to the mean over that pose's views above which the frame does not decide between poses:
+#: of a plate seen from its edge, for instance, most pixels are flying ones.
+_UNCLEAR = 1.5
 #: Weight of a frame in the update of the pose of G in M, and the difference [rad, m] beyond which the pose is replaced.
 _PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
 
@@ -67,9 +67,10 @@ class _Hypothesis:
         first_number: Number of that frame.
         motion: Predictor of the target's motion under this hypothesis.
         view: Attitude R_MB at the newest distinct view, shape (3, 3); None before the first one.
-        failures: Number of consecutive frames in which the hypothesis did not match.
+        matches: Whether the hypothesis matches the newest frame.
+        failures: Number of consecutive frames in which it did not match.
         score: Score in the newest frame [m].
-        scores: Scores at the distinct views [m], weighted by the fraction of the points within faces.
+        scores: Scores at the distinct views [m].
     """
 
     found: Registration
@@ -77,6 +78,7 @@ class _Hypothesis:
     first_number: int
     motion: RelativeMotion
     view: FloatArray | None = None
+    matches: bool = True
     failures: int = 0
     score: float = 0.0
     scores: list[float] = field(default_factory=list)
@@ -155,7 +157,6 @@ class _ModelFrontEndRun:
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
-        self._lost_at: float | None = None
         self._T_MG: FloatArray | None = None
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
@@ -166,25 +167,19 @@ class _ModelFrontEndRun:
             hypothesis.motion.turned(rotation)
         cloud = self._cleaning(frame, self._T_BC)
         if len(cloud) < _LEAST_POINTS:
-            self._fail(self._hypotheses, decides=False)
+            self._fail(self._hypotheses)
             return []
         cloud = cloud.thinned(_USED_POINTS)
-        within = 1.0 - float(cloud.at_boundary.mean())
-        is_edge_on = within < 1.0 - _EDGE_ON
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         was_ambiguous = len(self._hypotheses) > 1
         if self._hypotheses:
-            failed = self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
-            self._fail(failed, decides=not is_edge_on)
-            self._arrange()
+            self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
-            self._lost_at = frame.time if self._lost_at is None else self._lost_at
-            if not is_edge_on or frame.time >= self._lost_at + _PATIENCE:
-                self._search(cloud, frame.time, expected)
-        if not self._hypotheses or self._hypotheses[0].failures:
+            self._search(cloud, frame.time, expected)
+        if not self._hypotheses or not self._hypotheses[0].matches:
             return []
-        self._lost_at = None
-        self._choose(within)
+        if self._is_clear:
+            self._choose()
         best = self._hypotheses[0]
         edges = []
         if was_ambiguous and best.first_number < number:
@@ -196,16 +191,26 @@ class _ModelFrontEndRun:
                 self._place(found, predicted)
         return edges
 
-    def _fail(self, failed: list[_Hypothesis], *, decides: bool) -> None:
-        """Count a frame in which hypotheses did not fit, and drop those that have failed too often in a row.
+    @property
+    def _is_clear(self) -> bool:
+        """Whether the frame may decide between hypotheses: the one that fits best fits about as well as before."""
+        best = min((one for one in self._hypotheses if one.matches), key=lambda one: one.score, default=None)
+        return best is not None and (not best.scores or best.score <= _UNCLEAR * best.total / len(best.scores))
 
-        A frame that does not decide between poses drops all hypotheses or none.
+    def _fail(self, failed: list[_Hypothesis]) -> None:
+        """Count a frame in which hypotheses did not match, and drop those that have failed too often in a row.
+
+        A frame that does not decide drops none, or all if the motion of one of them is not known: that one is lost, and
+        may be the right one.
         """
         for hypothesis in failed:
+            hypothesis.matches = False
             hypothesis.failures += 1
-        kept = [one for one in self._hypotheses if one.failures < _FAILURES]
-        if decides or not kept:
-            self._hypotheses = kept
+        lost = [one for one in self._hypotheses if one.failures >= _FAILURES]
+        if len(lost) == len(self._hypotheses) or self._is_clear:
+            self._hypotheses = [one for one in self._hypotheses if one.failures < _FAILURES]
+        elif not all(one.motion.is_known for one in lost):
+            self._hypotheses = []
 
     def _place(self, found: Registration, predicted: FloatArray) -> None:
         """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
@@ -237,11 +242,8 @@ class _ModelFrontEndRun:
         tried = [self._registration(cloud, at, np.diag(np.repeat(sigmas, 3) ** -2)) for at, sigmas in starts]
         return start, min(tried, key=lambda one: one.score)
 
-    def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> list[_Hypothesis]:
-        """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's.
-
-        Return the hypotheses that do not match.
-        """
+    def _track(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
+        """Register the frame from the prediction of each hypothesis and, if it is given, from the back end's."""
         failed = []
         for hypothesis in self._hypotheses:
             start, found = self._registered(cloud, hypothesis.motion, time, expected)
@@ -249,19 +251,16 @@ class _ModelFrontEndRun:
             off = difference(start, found.pose) if is_known else difference(inverse(start), inverse(found.pose))
             hypothesis.score = found.score
             if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
-                hypothesis.found, hypothesis.failures = found, 0
+                hypothesis.found, hypothesis.matches, hypothesis.failures = found, True, 0
                 hypothesis.motion.observe(time, found.pose)
             else:
                 failed.append(hypothesis)
-        return failed
-
-    def _arrange(self) -> None:
-        """Put the hypotheses that match and have the lowest scores first, and keep one of those that have met."""
-        self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total))
+        self._fail(failed)
+        self._hypotheses.sort(key=lambda one: (not one.matches, one.total))
         # Between hypotheses that have become the same pose, the views to come would never decide.
-        matched = [one.found for one in self._hypotheses if not one.failures]
+        matched = [one.found for one in self._hypotheses if one.matches]
         apart = {id(found) for found in distinct_poses(matched, len(matched))}
-        self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
+        self._hypotheses = [one for one in self._hypotheses if not one.matches or id(one.found) in apart]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.
@@ -282,25 +281,22 @@ class _ModelFrontEndRun:
             _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
         ]
 
-    def _choose(self, within: float) -> None:
+    def _choose(self) -> None:
         """Record the scores at each distinct view and drop the hypotheses that are ruled out.
 
         A frame in which a hypothesis did not match is no view: its score is that of a wrong optimum.
-
-        Args:
-            within: Fraction of the points within faces, which is the weight of the view.
         """
-        if any(one.failures for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
+        if not all(one.matches for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
             return
         for one in self._hypotheses:
             one.view = one.found.pose[:3, :3]
-            one.scores.append(within * one.score)
+            one.scores.append(one.score)
         self._hypotheses.sort(key=lambda one: one.total)
         first = self._hypotheses[0]
         self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]
 
     def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
-        differences = np.array(one.scores) - np.array(best.scores)
+        differences = np.clip(np.array(one.scores) - np.array(best.scores), -_MOST, _MOST)
         total, count = float(differences.sum()), len(differences)
         if total > _MARGIN:
             return True
