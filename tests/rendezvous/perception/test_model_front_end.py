@@ -201,6 +201,44 @@ def test_a_frame_that_the_right_pose_does_not_match_decides_nothing(
     assert all(_degrees(truth[2], edge.pose) < 2.0 for edge in edges[2] if edge.first == MODEL)
 
 
+def test_frames_that_fit_worse_than_before_decide_nothing(
+    target: Target, streams: Streams, shoot: Shoot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a plate seen from its edge most pixels are flying ones, and it is chance which pose they match."""
+    truth, half, unclear = spin(10, rate=2.0), pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)), range(2, 8)
+    registered = ModelRegistration.__call__
+
+    def searched(registration: ModelRegistration, cloud: Cloud, **_: int) -> list[Registration]:
+        right = registration(cloud, truth[0])
+        return [replace(right, score=0.003), replace(right, pose=half @ right.pose, score=0.003)]
+
+    def edge_on(one: ModelRegistration, cloud: Cloud, start: np.ndarray, *rest: np.ndarray, **options: Any) -> Any:
+        found = registered(one, cloud, start, *rest, **options)
+        is_right = found.pose[:3, 3] @ truth[0][:3, 3] > 0.0
+        if any(_degrees(truth[k], found.pose) < 1.0 or _degrees(half @ truth[k], found.pose) < 1.0 for k in unclear):
+            return replace(found, score=0.012 if is_right else 0.009)
+        return replace(found, score=0.003 if is_right else 0.006)
+
+    monkeypatch.setattr(model, "acquire", searched)
+    monkeypatch.setattr(ModelRegistration, "__call__", edge_on)
+    edges = _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)])
+    found = [edge for step in edges for edge in step if edge.first == MODEL]
+    assert all(_degrees(truth[edge.second], edge.pose) < 2.0 for edge in found)
+    assert [edge.first for edge in edges[7]] == [0]  # not decided by then
+
+
+def test_no_view_decides_alone(target: Target, streams: Streams, shoot: Shoot, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = spin(1)
+
+    def searched(registration: ModelRegistration, cloud: Cloud, **_: int) -> list[Registration]:
+        right = registration(cloud, truth[0])
+        turned = replace(right, pose=pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)) @ right.pose)
+        return [replace(turned, score=0.002), replace(right, score=0.0055)]
+
+    monkeypatch.setattr(model, "acquire", searched)
+    assert _run(target, streams, [shoot(one, k, time=float(k)) for k, one in enumerate(truth)]) == [[]]
+
+
 def test_all_poses_of_a_cube_are_followed_until_they_differ(streams: Streams) -> None:
     cube = {"boxes": [{"centre": ["0 m"] * 3, "half_size": ["0.2 m"] * 3}], "mating_point": ["0 m", "0 m", "0.6 m"]}
     target = BoxTarget.model_validate(cube)()
