@@ -41,10 +41,10 @@ _SEARCH_PERIOD = 3.0
 _EXPECTED_TURN = np.deg2rad(45.0)
 #: Poses whose scores exceed the best one by at most this much may be right too [m].
 _AMBIGUITY = 0.004
-#: Sum of the differences of scores over distinct views that rules a pose out at once [m]; largest difference of one
-#: view that counts [m], so that no view decides alone; number of distinct views from which a sixth of the sum suffices
-#: if the mean difference is more than four times its standard error; and the angle between two distinct views [rad].
-_MARGIN, _MOST, _VIEWS, _VIEW_ANGLE = 0.003, 0.002, 15, np.deg2rad(10.0)
+#: Sum of the differences of scores over two distinct views or more that rules a pose out at once [m]; number of distinct
+#: views from which a sixth of this sum suffices if the mean difference is more than four times its standard error; and
+#: the angle between two distinct views [rad].
+_MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
 #: Ratio of a frame's best score to the mean over that pose's views above which the frame does not decide between poses:
 #: of a plate seen from its edge, for instance, most pixels are flying ones.
 _UNCLEAR = 1.5
@@ -256,7 +256,7 @@ class _ModelFrontEndRun:
             else:
                 failed.append(hypothesis)
         self._fail(failed)
-        self._hypotheses.sort(key=lambda one: (not one.matches, one.total))
+        self._hypotheses.sort(key=lambda one: (not one.matches, one.total + one.score))
         # Between hypotheses that have become the same pose, the views to come would never decide.
         matched = [one.found for one in self._hypotheses if one.matches]
         apart = {id(found) for found in distinct_poses(matched, len(matched))}
@@ -296,10 +296,10 @@ class _ModelFrontEndRun:
         self._hypotheses = [one for one in self._hypotheses if one is first or not self._is_ruled_out(one, first)]
 
     def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
-        differences = np.clip(np.array(one.scores) - np.array(best.scores), -_MOST, _MOST)
+        differences = np.array(one.scores) - np.array(best.scores)
         total, count = float(differences.sum()), len(differences)
-        if total > _MARGIN:
-            return True
+        if count < 2 or total > _MARGIN:
+            return count > 1
         error = float(differences.std()) / np.sqrt(count)
         return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
 

@@ -30,8 +30,8 @@ _LEAST_COSINE = 0.12
 #: that the model lacks, and would alone determine how the shape may slide along the other visible patches.
 _LEAST_SHARE = 0.005
 #: Width of the image border that is not compared with the silhouette, and size of the cells in which parts that are
-#: too close hide others [px].
-_BORDER, _CELL = 2.0, 8
+#: too close, or seen at too flat an angle, hide others [px].
+_BORDER, _CELL, _FLAT_CELL = 2.0, 16, 8
 #: Minimum cosine of incidence at which a point of the shape should be visible.
 _VISIBLE_COSINE = 0.25
 #: Standard deviation of the silhouette [px], and distance to it at which Huber's weights begin to decrease [m].
@@ -158,10 +158,10 @@ def add_silhouette(
 
     The residual of such a point is its distance to the border of the silhouette, perpendicular to the ray and along the
     normal of the border: if a border crosses the whole image, the shape may slide along it. Points that are too close
-    to be measured are left out, and so are points next to them in the image, which may be behind them. Likewise, points
-    behind a surface that is seen at too flat an angle to be measured are left out. A point in front
-    of the depth measured at its pixel has no residual, but its distance counts in the score: a pose is wrong if the
-    camera sees through the shape.
+    to be measured are left out, and so are points next to them in the image, which may be behind them. Points behind a
+    surface that is seen at too flat an angle to be measured do not count in the score; without their residuals, the
+    shape could slide along such a surface. A point in front of the depth measured at its pixel has no residual, but its
+    distance counts in the score: a pose is wrong if the camera sees through the shape.
 
     Args:
         sums: The normal equations, shape (7, 7); changed.
@@ -198,8 +198,9 @@ def _add_silhouette(
     height, width = nearest.shape
     fx, fy, cx, cy = intrinsics
     points, pixels, kept = np.empty((len(places), 3)), np.empty((len(places), 4)), np.empty(len(places), np.bool_)
-    # Depth of the nearest surface in a cell or next to it that hides others but may not be measured itself.
-    hidden = np.full((height // _CELL + 3, width // _CELL + 3), np.inf)
+    hidden = np.zeros((height // _CELL + 3, width // _CELL + 3), np.bool_)
+    # Depth of the nearest surface, in a cell or next to it, that is seen at too flat an angle.
+    flat = np.full((height // _FLAT_CELL + 3, width // _FLAT_CELL + 3), np.inf)
     for k in range(len(places)):
         x, y, z = places[k, 0] - transform[0, 3], places[k, 1] - transform[1, 3], places[k, 2] - transform[2, 3]
         point = _turned(transform, x, y, z)
@@ -210,22 +211,25 @@ def _add_silhouette(
         right, down, depth = _turned(mount, from_camera[0], from_camera[1], from_camera[2])
         column, row = fx * right / depth + cx + 0.5, fy * down / depth + cy + 0.5
         # At the border of the image, half of a pixel's neighbourhood is not visible.
-        kept[k] = depth > 0.0 and _BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER
-        is_flat, is_off = cosine < _LEAST_COSINE, distance < ranges[0] or distance > ranges[1]
-        if kept[k] and (is_flat or (is_off and cosine >= _VISIBLE_COSINE)):
+        inside = _BORDER <= column < width - _BORDER and _BORDER <= row < height - _BORDER
+        if inside and depth > 0.0 and cosine < _LEAST_COSINE:
+            i, j = int(row) // _FLAT_CELL, int(column) // _FLAT_CELL
+            flat[i : i + 3, j : j + 3] = np.minimum(flat[i : i + 3, j : j + 3], depth)
+        kept[k] = cosine >= _VISIBLE_COSINE and depth > 0.0 and inside
+        if kept[k] and (distance < ranges[0] or distance > ranges[1]):
+            kept[k] = False
             i, j = int(row) // _CELL, int(column) // _CELL
-            near = hidden[i : i + 3, j : j + 3]
-            near[:] = np.minimum(near, depth + FAR if is_flat else 0.0)
-        kept[k] = kept[k] and cosine >= _VISIBLE_COSINE and not is_off
+            hidden[i : i + 3, j : j + 3] = True
         points[k, 0], points[k, 1], points[k, 2] = point
         pixels[k, 0], pixels[k, 1], pixels[k, 2], pixels[k, 3] = column, row, depth, cosine
     far, number, terms = 0.0, 0, np.empty(7)
     for k in range(len(places)):
         column, row, depth, cosine = pixels[k, 0], pixels[k, 1], pixels[k, 2], pixels[k, 3]
-        if not kept[k] or depth > hidden[int(row) // _CELL + 1, int(column) // _CELL + 1]:
+        if not kept[k] or hidden[int(row) // _CELL + 1, int(column) // _CELL + 1]:
             continue
-        number += 1
         i, j = int(row), int(column)
+        counts = depth <= flat[i // _FLAT_CELL + 1, j // _FLAT_CELL + 1] + FAR
+        number += counts
         near_i, near_j = silhouette[0, i, j], silhouette[1, i, j]
         u, v = column - (near_j + 0.5), row - (near_i + 0.5)
         u = math.copysign(max(abs(u) - 0.5, 0.0), u) * (depth / fx)
@@ -234,9 +238,9 @@ def _add_silhouette(
         residual = across * u + up * v
         if residual <= 0.0:
             through = nearest[i, j] - depth - _SEEN_THROUGH * (noise[0] + noise[1] * depth * depth / cosine)
-            far += min(max(through, 0.0), FAR) if math.isfinite(through) else 0.0
+            far += min(max(through, 0.0), FAR) if counts and math.isfinite(through) else 0.0
             continue
-        far += min(residual, FAR)
+        far += min(residual, FAR) if counts else 0.0
         weight = min(1.0, _OUTLINE_CUT / residual) / (_OUTLINE * (depth / fx)) ** 2
         right, down = (column - cx - 0.5) / fx, (row - cy - 0.5) / fy
         direction = (
