@@ -41,9 +41,9 @@ _SEARCH_PERIOD = 3.0
 _EXPECTED_TURN = np.deg2rad(45.0)
 #: Poses whose scores exceed the best one by at most this much may be right too [m].
 _AMBIGUITY = 0.004
-#: Sum of the differences of scores over two distinct views or more that rules a pose out at once [m]; number of distinct
-#: views from which a sixth of this sum suffices if the mean difference is more than four times its standard error; and
-#: the angle between two distinct views [rad].
+#: Sum of the differences of scores over at least two distinct views that rules a pose out at once [m]; number of views
+#: from which a sixth of this sum suffices if the mean difference is more than four times its standard error; and the
+#: angle between two distinct views [rad].
 _MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
 #: Ratio of a frame's best score to the mean over that pose's views above which the frame does not decide between poses:
 #: of a plate seen from its edge, for instance, most pixels are flying ones.
