@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, rotate, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, log, multiply, normalise, rotate, to_matrix
+from safe_inspect.dynamics.tumble import tumble
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.estimation.states import (
     MEDIAN_SIZE,
@@ -329,6 +330,21 @@ def _soft_square(residuals: FloatArray) -> float:
     return float((2.0 * (np.sqrt(1.0 + (residuals**2).sum(axis=1)) - 1.0)).mean())
 
 
+def _axes_in_g(history: History, fit: Fit, turned: FloatArray) -> FloatArray:
+    """Return q_GT, the mean over all frames, since any single one may be off by degrees, shape (4,).
+
+    Args:
+        history: The attitudes.
+        fit: The motion.
+        turned: Rotation of W by a drift, see `turned_by_bias`, shape (F, 3, 3) [s].
+    """
+    seen = np.isfinite(history.glued).all(axis=1)
+    q, _ = tumble(*fit.motion.moved(np.zeros((1, 8))), history.times - fit.motion.time)
+    q_WT = multiply(exp(-turned @ fit.drift), q[0])[seen]  # noqa: N806
+    each = multiply(multiply(history.glued[seen], conjugate(history.chaser[seen])), q_WT)
+    return normalise((each * np.sign(each @ each[-1])[:, None]).sum(axis=0))
+
+
 def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, aligned: bool) -> TargetEstimate:
     time = float(history.times[-1])
     motion = fit.motion.at(time)
@@ -339,18 +355,18 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
     # The fit absorbs slow errors, so that small residuals do not mean that the edges are better than they state.
     scale = max(fit.spread, 1.0) ** 2
     # Until the last frame, the drift has rotated the back end's frame W, in which the chaser's attitude is given.
-    turned = turned_by_bias(history)[-1]
+    all_turned = turned_by_bias(history)
+    turned = all_turned[-1]
     orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
     transition = np.concatenate((fit.motion.drifted(time, turned), np.eye(11)[8:]))
     covariance = scale * transition @ fit.covariance @ transition.T
     axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
-    q_WG = multiply(history.chaser[0], conjugate(history.glued[0]))  # noqa: N806 - G is B at the first frame
     return TargetEstimate(
         time=time,
         orientation=orientation,
         angular_velocity=motion.angular_velocity,
         ratios=ratios_of(motion.logits),
-        q_GT=multiply(conjugate(q_WG), fit.motion.orientation),
+        q_GT=_axes_in_g(history, fit, all_turned),
         covariance=covariance[:8, :8],
         axes_sigma=float(axes),
         observable=observable,

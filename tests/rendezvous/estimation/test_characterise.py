@@ -227,6 +227,18 @@ def test_the_drift_of_the_gyroscopes_goes_on_after_the_last_frame(is_counted: bo
     assert (1.3 < np.mean(squares) < 5.5) == is_counted, np.mean(squares)
 
 
+def test_the_axes_in_g_do_not_depend_on_one_frame() -> None:
+    """An estimate whose axes are those of a poor first frame disagrees with all later ones: a false alarm."""
+    times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seconds=60)  # noqa: N806
+    history = _history(times, q, q_GT, np.deg2rad(0.1))
+    history.glued[0] = multiply(history.glued[0], exp(np.deg2rad([3.0, 0.0, 0.0])))
+    found = _CHARACTERISER(history, KnownBody(), before=Motion(0.0, q[0], w[0], logits_of(_INERTIA[:2])))
+    assert found is not None
+    seen = multiply(multiply(history.chaser, conjugate(history.glued)), found.q_GT)[1:]
+    apart = np.linalg.norm(log(multiply(conjugate(found.predict(times)[0][1:]), seen)), axis=1)
+    assert np.median(apart) < np.deg2rad(0.4)
+
+
 def test_an_edge_that_is_wrong_does_not_count() -> None:
     times, q, w, q_GT = _tumbling(_INERTIA, [0.7, 0.5, 0.5], seconds=60)  # noqa: N806
     history = _history(times, q, q_GT)
