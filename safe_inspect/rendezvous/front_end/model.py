@@ -67,8 +67,7 @@ class _Hypothesis:
         first_number: Number of that frame.
         motion: Predictor of the target's motion under this hypothesis.
         view: Attitude R_MB at the newest distinct view, shape (3, 3); None before the first one.
-        matches: Whether the hypothesis matches the newest frame.
-        failures: Number of consecutive frames in which it did not match.
+        failures: Number of consecutive frames in which the hypothesis did not match.
         score: Score in the newest frame [m].
         scores: Scores at the distinct views [m].
     """
@@ -78,7 +77,6 @@ class _Hypothesis:
     first_number: int
     motion: RelativeMotion
     view: FloatArray | None = None
-    matches: bool = True
     failures: int = 0
     score: float = 0.0
     scores: list[float] = field(default_factory=list)
@@ -176,7 +174,7 @@ class _ModelFrontEndRun:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
             self._search(cloud, frame.time, expected)
-        if not self._hypotheses or not self._hypotheses[0].matches:
+        if not self._hypotheses or self._hypotheses[0].failures:
             return []
         if self._is_clear:
             self._choose()
@@ -194,7 +192,7 @@ class _ModelFrontEndRun:
     @property
     def _is_clear(self) -> bool:
         """Whether the frame may decide between hypotheses: the one that fits best fits about as well as before."""
-        best = min((one for one in self._hypotheses if one.matches), key=lambda one: one.score, default=None)
+        best = min((one for one in self._hypotheses if not one.failures), key=lambda one: one.score, default=None)
         return best is not None and (not best.scores or best.score <= _UNCLEAR * best.total / len(best.scores))
 
     def _fail(self, failed: list[_Hypothesis]) -> None:
@@ -204,7 +202,6 @@ class _ModelFrontEndRun:
         may be the right one.
         """
         for hypothesis in failed:
-            hypothesis.matches = False
             hypothesis.failures += 1
         lost = [one for one in self._hypotheses if one.failures >= _FAILURES]
         if len(lost) == len(self._hypotheses) or self._is_clear:
@@ -251,16 +248,16 @@ class _ModelFrontEndRun:
             off = difference(start, found.pose) if is_known else difference(inverse(start), inverse(found.pose))
             hypothesis.score = found.score
             if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
-                hypothesis.found, hypothesis.matches, hypothesis.failures = found, True, 0
+                hypothesis.found, hypothesis.failures = found, 0
                 hypothesis.motion.observe(time, found.pose)
             else:
                 failed.append(hypothesis)
         self._fail(failed)
-        self._hypotheses.sort(key=lambda one: (not one.matches, one.total + one.score))
+        self._hypotheses.sort(key=lambda one: (one.failures > 0, one.total + one.score))
         # Between hypotheses that have become the same pose, the views to come would never decide.
-        matched = [one.found for one in self._hypotheses if one.matches]
+        matched = [one.found for one in self._hypotheses if not one.failures]
         apart = {id(found) for found in distinct_poses(matched, len(matched))}
-        self._hypotheses = [one for one in self._hypotheses if not one.matches or id(one.found) in apart]
+        self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.
@@ -286,7 +283,7 @@ class _ModelFrontEndRun:
 
         A frame in which a hypothesis did not match is no view: its score is that of a wrong optimum.
         """
-        if not all(one.matches for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
+        if any(one.failures for one in self._hypotheses) or not self._hypotheses[0].sees_new_view:
             return
         for one in self._hypotheses:
             one.view = one.found.pose[:3, :3]
@@ -298,8 +295,10 @@ class _ModelFrontEndRun:
     def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
         differences = np.array(one.scores) - np.array(best.scores)
         total, count = float(differences.sum()), len(differences)
-        if count < 2 or total > _MARGIN:
-            return count > 1
+        if count < 2:
+            return False
+        if total > _MARGIN:
+            return True
         error = float(differences.std()) / np.sqrt(count)
         return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
 
