@@ -355,10 +355,9 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
     # The fit absorbs slow errors, so that small residuals do not mean that the edges are better than they state.
     scale = max(fit.spread, 1.0) ** 2
     # Until the last frame, the drift has rotated the back end's frame W, in which the chaser's attitude is given.
-    all_turned = turned_by_bias(history)
-    turned = all_turned[-1]
-    orientation = multiply(exp(-turned @ fit.drift), motion.orientation)
-    transition = np.concatenate((fit.motion.drifted(time, turned), np.eye(11)[8:]))
+    turned = turned_by_bias(history)
+    orientation = multiply(exp(-turned[-1] @ fit.drift), motion.orientation)
+    transition = np.concatenate((fit.motion.drifted(time, turned[-1]), np.eye(11)[8:]))
     covariance = scale * transition @ fit.covariance @ transition.T
     axes = np.sqrt(scale * np.linalg.eigvalsh(fit.covariance[:3, :3])[-1])
     return TargetEstimate(
@@ -366,7 +365,7 @@ def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, a
         orientation=orientation,
         angular_velocity=motion.angular_velocity,
         ratios=ratios_of(motion.logits),
-        q_GT=_axes_in_g(history, fit, all_turned),
+        q_GT=_axes_in_g(history, fit, turned),
         covariance=covariance[:8, :8],
         axes_sigma=float(axes),
         observable=observable,

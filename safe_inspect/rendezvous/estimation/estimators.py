@@ -192,8 +192,7 @@ class _PipelineEstimatorRun:
         if found is not self._found:
             self._found, self._turned = found, np.zeros((3, 3))
             self._reached = time if found is None else found.time
-        self._turned = self._turned + (time - self._reached) * rotation
-        self._reached = time
+        self._turned, self._reached = self._turned + (time - self._reached) * rotation, time
         return self._turned
 
     def _estimate(self, pipeline: EstimationPipeline, time: float, *, renew: bool) -> StateEstimate:

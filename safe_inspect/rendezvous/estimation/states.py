@@ -309,9 +309,8 @@ class Motion(NamedTuple):
             The derivative, shape (8, 11).
         """
         then = self.at(time)
-        of_drift = np.zeros((_MOTION, 3))
-        of_drift[:3] = -to_matrix(then.orientation).T @ turned
-        of_drift[3:6] = -skew(then.angular_velocity) @ of_drift[:3]
+        turn = -to_matrix(then.orientation).T @ turned
+        of_drift = np.concatenate((turn, -skew(then.angular_velocity) @ turn, np.zeros((2, 3))))
         return np.concatenate((self.transition(time), of_drift), axis=1)
 
 

@@ -67,10 +67,13 @@ class RelativeMotion:
     Args:
         time: Time of the first pose [s].
         first: The first pose T_MB, shape (4, 4).
+
+    Attributes:
+        time: Time of the newest pose [s].
     """
 
     def __init__(self, time: float, first: FloatArray) -> None:
-        self._time, self._pose = time, first
+        self.time, self._pose = time, first
         self._turn = np.eye(3)
         self._rate: FloatArray | None = None
         self._velocity = np.zeros(3)
@@ -80,18 +83,13 @@ class RelativeMotion:
         """Whether two poses have been given; until then, the body is predicted to be at rest."""
         return self._rate is not None
 
-    @property
-    def time(self) -> float:
-        """Time of the newest pose [s]."""
-        return self._time
-
     def turned(self, rotation: FloatArray) -> None:
         """Add a rotation of the chaser, R_B'B from the gyro, shape (3, 3)."""
         self._turn = self._turn @ rotation
 
     def predict(self, time: float) -> FloatArray:
         """Return T_MB at a time [s], shape (4, 4)."""
-        seconds = time - self._time
+        seconds = time - self.time
         body = np.eye(3) if self._rate is None else rotation_exp(self._rate * seconds)
         R_MB = body.T @ self._pose[:3, :3] @ self._turn  # noqa: N806
         centre = -self._pose[:3, :3].T @ self._pose[:3, 3]
@@ -99,8 +97,8 @@ class RelativeMotion:
 
     def observe(self, time: float, found: FloatArray) -> None:
         """Add a pose T_MB, shape (4, 4), that was measured at a time [s]."""
-        if time > self._time:
-            seconds = time - self._time
+        if time > self.time:
+            seconds = time - self.time
             body = self._pose[:3, :3] @ self._turn @ found[:3, :3].T
             rate = rotation_log(body) / seconds
             self._rate = rate if self._rate is None else (1.0 - _WEIGHT) * self._rate + _WEIGHT * rate
@@ -111,7 +109,7 @@ class RelativeMotion:
 
     def place(self, time: float, found: FloatArray) -> None:
         """Replace the pose T_MB at a time [s], shape (4, 4), and keep rate and velocity."""
-        self._time, self._pose, self._turn = time, found, np.eye(3)
+        self.time, self._pose, self._turn = time, found, np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -295,12 +295,9 @@ class _ModelFrontEndRun:
     def _is_ruled_out(self, one: _Hypothesis, best: _Hypothesis) -> bool:
         differences = np.array(one.scores) - np.array(best.scores)
         total, count = float(differences.sum()), len(differences)
-        if count < 2:
-            return False
-        if total > _MARGIN:
-            return True
         error = float(differences.std()) / np.sqrt(count)
-        return bool(count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error)
+        is_significant = count >= _VIEWS and total > _MARGIN / 6.0 and total / count > 4.0 * error
+        return bool(count > 1 and (total > _MARGIN or is_significant))
 
     def _since_first(self, hypothesis: _Hypothesis, number: int) -> Edge:
         """Return the edge from the first frame of the search, ``T_MB'^-1 T_MB``, with the errors of both poses."""
