@@ -1,7 +1,7 @@
 """How well the attitude of a tumbling target is predicted while the camera sees nothing, and whether its sigma holds.
 
-    python benchmarks/rendezvous_dark.py [--periods 441 147 88 63] [--missions 10] [--watch 120] [--dark 60] [--seed 1]
-        [OVERRIDE ...]
+    python benchmarks/rendezvous_dark.py [OVERRIDE ...] [--periods 441 147 88 63] [--missions 10] [--watch 120]
+        [--dark 60] [--seed 1]
 
 For each period of the polhode [s] (those of Sensors 25(3) 647, 2025), missions of the default target with a random
 direction of the angular velocity, whose magnitude gives the period; directions that need less than 0.5 or more than
@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from machine import machine
+from tumbles import check_overrides
 
 from safe_inspect.dynamics.tumble import classify
 from safe_inspect.metrics.statistics import wilson
@@ -94,6 +95,7 @@ def main() -> None:
     arguments = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     overrides = (f"seed={arguments.seed}", *arguments.overrides)
+    check_overrides(parser, overrides)
     jobs = [
         (overrides, number, period, arguments.watch, arguments.dark)
         for period in arguments.periods

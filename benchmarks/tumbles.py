@@ -29,11 +29,16 @@ def parsed(description: str, seconds: float | None, tumbles: int) -> argparse.Na
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
+    check_overrides(parser, _overrides(arguments))
+    return arguments
+
+
+def check_overrides(parser: argparse.ArgumentParser, overrides: tuple[str, ...]) -> None:
+    """End with a message if the experiment cannot be read with these overrides."""
     try:
-        load_rendezvous(f"{FOLDER}/experiment.yml", _overrides(arguments))
+        load_rendezvous(f"{FOLDER}/experiment.yml", overrides)
     except ConfigError as error:
         parser.error(str(error))
-    return arguments
 
 
 def _overrides(arguments: argparse.Namespace) -> tuple[str, ...]:
