@@ -42,7 +42,12 @@ RECORDS: dict[str, tuple[str, ...]] = {
         name: (f"{_CONFIGS}/experiment.yml", f"target=!include {_CONFIGS}/targets/{name}.yml", _TUMBLE)
         for name in ("upper_stage", "cube_with_nook", "satellite", "cylinder_with_panels", "rock")
     },
-    "harsh": (f"{_CONFIGS}/experiment.yml", "sensors.camera.profile=harsh", _TUMBLE),
+    "harsh": (
+        f"{_CONFIGS}/experiment.yml",
+        "sensors.camera.profile=harsh",
+        "estimator.config.front_end={functor: ModelFrontEnd, config: {range_sigma: 5 mm, range_growth: 3 mm}}",
+        _TUMBLE,
+    ),
     "fast": (
         f"{_CONFIGS}/experiment.yml",
         "tumble={functor: RandomTumble, config: {least_rate: 6 deg/s, largest_rate: 10 deg/s}}",

@@ -14,9 +14,11 @@ from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.depth_camera import PROFILES
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
+from safe_inspect.rendezvous.front_end.model import TYPICAL_RANGE
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial
-from safe_inspect.rendezvous.plugins import PipelineEstimator
+from safe_inspect.rendezvous.plugins import ModelFrontEnd, PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.simulators.resets.parameters import Draw
 from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
@@ -26,6 +28,8 @@ from safe_inspect.types import FloatArray
 _LARGEST_TURN = np.deg2rad(10.0)
 #: Time between the last inertial sample and a frame in which a pose moves by less than its error [s].
 _LARGEST_LAG = 0.01
+#: Largest ratio of the camera's noise to that which the front end assumes.
+_MOST_NOISE = 1.5
 #: Times at which the mating point's motion is evaluated [s].
 _TIMES = np.arange(0.0, 600.0, 1.0)
 #: Units for which a user may have meant degrees where a number has no unit.
@@ -180,6 +184,13 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
     if distance > reach:
         yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
+    front_end = getattr(config.estimator, "front_end", None)
+    if isinstance(front_end, ModelFrontEnd):
+        measured, assumed = PROFILES[sensors.camera.profile].at(TYPICAL_RANGE), front_end.range_noise
+        if measured > _MOST_NOISE * assumed:
+            message = f"ranges of 1.5 m scatter by {1e3 * measured:.3g} mm, and the front end assumes {1e3 * assumed:.3g}"
+            hint = "set range_sigma and range_growth of the front end"
+            yield Problem(message, "sensors.camera.profile", hint=hint)
     frame_ticks = round(sensors.frame_period / mission.tick)
     lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick
     if "inertial" in reads and lag > _LARGEST_LAG:

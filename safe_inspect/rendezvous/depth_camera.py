@@ -46,6 +46,10 @@ class NoiseProfile:
     flying: float = 0.5
     flying_range: float = 0.08
 
+    def at(self, distance: float) -> float:
+        """Return the standard deviation of a range [m] at perpendicular incidence."""
+        return self.sigma0 + self.k * distance**2
+
 
 #: Profiles by name: `ideal` has no errors; the others are measured cameras, from the best to the worst.
 PROFILES = {

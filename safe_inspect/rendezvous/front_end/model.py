@@ -11,7 +11,12 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
 from safe_inspect.rendezvous.front_end.base import FrontEnd, FrontEndContext, Registration, RelativeMotion, relative
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, acquire, distinct_poses
+from safe_inspect.rendezvous.front_end.model_registration import (
+    LARGEST_DISTANCE,
+    ModelRegistration,
+    acquire,
+    distinct_poses,
+)
 from safe_inspect.rendezvous.poses import MODEL, Edge, adjoint, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -23,6 +28,9 @@ _LEAST_POINTS, _SEARCH_POINTS = 150, 300
 _USED_POINTS = 1500
 #: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
+#: Range at which cameras are compared [m], and the standard deviation there for which the limits of distances hold [m].
+TYPICAL_RANGE = 1.5
+_TYPICAL_NOISE = 3e-3 + 1.5e-3 * TYPICAL_RANGE**2
 #: Maximum difference of an accepted pose of the chaser from the prediction [rad, m], while the motion is not known yet
 #: of the shape: a target that turns moves the chaser in M.
 _LARGEST_OFF = (np.deg2rad(25.0), 0.25)
@@ -118,7 +126,18 @@ class ModelFrontEnd(FrontEnd):
             raise ConfigError("ModelFrontEnd needs the shape of the target; give a target, or use GicpSubmapFrontEnd")
         registration = self.registration(context.target, context.camera, context.T_BC)
         # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
-        return _ModelFrontEndRun(Cleaning(context.camera, edge=np.inf), registration, context.T_BC)
+        cleaning = Cleaning(context.camera, edge=np.inf)
+        return _ModelFrontEndRun(cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE)
+
+    @property
+    def range_noise(self) -> float:
+        """Standard deviation of a measured range of 1.5 m that the front end assumes [m]."""
+        return float(self.range_sigma + self.range_growth * TYPICAL_RANGE**2)
+
+    @property
+    def _noise_ratio(self) -> float:
+        """Ratio of the noise to that for which the limits of distances hold; 1 for less noise."""
+        return max(self.range_noise / _TYPICAL_NOISE, 1.0)
 
     def registration(self, target: Target, camera: DepthCamera, T_BC: FloatArray) -> ModelRegistration:  # noqa: N803
         """Return the registration of frames to a known target.
@@ -128,7 +147,8 @@ class ModelFrontEnd(FrontEnd):
             camera: Geometry of the camera.
             T_BC: Pose of the camera in B, shape (4, 4).
         """
-        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth)
+        cut = self._noise_ratio * LARGEST_DISTANCE
+        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth, cut)
 
 
 class _ModelFrontEndRun:
@@ -143,6 +163,7 @@ class _ModelFrontEndRun:
         cleaning: Cleans frames.
         registration: Registers frames.
         T_BC: Pose of the camera in B, shape (4, 4).
+        largest_score: Largest score of an accepted registration [m].
     """
 
     def __init__(
@@ -150,8 +171,10 @@ class _ModelFrontEndRun:
         cleaning: Cleaning,
         registration: ModelRegistration,
         T_BC: FloatArray,  # noqa: N803
+        largest_score: float,
     ) -> None:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
+        self._largest_score = largest_score
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
@@ -247,7 +270,8 @@ class _ModelFrontEndRun:
             is_known = hypothesis.motion.is_known
             off = difference(start, found.pose) if is_known else difference(inverse(start), inverse(found.pose))
             hypothesis.score = found.score
-            if found.inliers >= _LEAST_INLIERS and found.score <= _LARGEST_SCORE and not _is_beyond(off, _LARGEST_OFF):
+            fits = found.inliers >= _LEAST_INLIERS and found.score <= self._largest_score
+            if fits and not _is_beyond(off, _LARGEST_OFF):
                 hypothesis.found, hypothesis.failures = found, 0
                 hypothesis.motion.observe(time, found.pose)
             else:
@@ -266,7 +290,7 @@ class _ModelFrontEndRun:
         """
         found = acquire(self._registration, cloud, kept=_ALTERNATIVES + 1)
         fitting = [one for one in found if one.score <= found[0].score + _AMBIGUITY]
-        if fitting[0].score > _LARGEST_SCORE:
+        if fitting[0].score > self._largest_score:
             return
         if len(fitting) > _ALTERNATIVES:
             self._search_again = time + _SEARCH_PERIOD - 1e-9

@@ -22,7 +22,7 @@ _CONVERGED = 1e-4
 #: Largest component of a step [rad, m].
 _LARGEST_STEP = 0.2
 #: Distance to the surface beyond which points do not count [m].
-_CUT = 0.03
+LARGEST_DISTANCE = 0.03
 #: Distance between the points that represent the surface, relative to the swept radius, for tracking and for a search.
 _SPACING, _COARSE_SPACING = 0.015, 0.06
 #: Minimum mean weighted square of the residuals: details that the model lacks cause errors even without noise.
@@ -63,7 +63,7 @@ class ModelRegistration:
         T_BC: FloatArray,  # noqa: N803
         sigma0: float,
         k: float,
-        cut: float = _CUT,
+        cut: float = LARGEST_DISTANCE,
     ) -> None:
         self.surface = MeshSurface(target.shape)
         self.samples, self.coarse_samples = (
