@@ -188,7 +188,8 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
     if isinstance(front_end, ModelFrontEnd):
         measured, assumed = PROFILES[sensors.camera.profile].at(TYPICAL_RANGE), front_end.range_noise
         if measured > _MOST_NOISE * assumed:
-            message = f"ranges of 1.5 m scatter by {1e3 * measured:.3g} mm, and the front end assumes {1e3 * assumed:.3g}"
+            found, believed = (f"{1e3 * sigma:.3g} mm" for sigma in (measured, assumed))
+            message = f"ranges of 1.5 m scatter by {found}, and the front end assumes {believed}"
             hint = "set range_sigma and range_growth of the front end"
             yield Problem(message, "sensors.camera.profile", hint=hint)
     frame_ticks = round(sensors.frame_period / mission.tick)
