@@ -78,8 +78,9 @@ class Mission:
         self._truth = MissionTruth(config, start, target.principal, tumbling, self._streams)
         reads = (*config.estimator.reads, *reads)
         self._sensors = SensorSuite(config, target, self._streams, reads)
-        estimator = config.estimator(estimator_context(config, target, self._streams))
-        self.pilot = Pilot(PilotConfig.of(config), target, estimator, self._streams, self._event, self._changed)
+        known = config.estimator.known(target)
+        estimator = config.estimator(estimator_context(config, known, self._streams))
+        self.pilot = Pilot(PilotConfig.of(config), known, estimator, self._streams, self._event, self._changed)
 
     def run(self) -> MissionResult:
         """Fly the mission to its end and return the result.

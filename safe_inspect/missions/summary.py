@@ -135,7 +135,9 @@ def summarise_mission(
     plans = [event["data"] for event in mission_log.events if event["event"] == "plan"]
     answers = [event["data"] for event in mission_log.events if event["event"] in ("plan", "tube")]
     position, speed = _mating_error(arrays, target.mating_point)
-    gauge = _gauge(arrays, moves)
+    # The axes of a map are not those of the true inertia, so that errors of the attitude mean nothing.
+    is_known = config.estimator.known(target) is target
+    gauge = _gauge(arrays, moves) if is_known else None
     clearance = float(arrays["clearance"].min())
     if clearance <= 0.0:
         success, cause = False, f"contact with the target{f' ({cause})' if cause else ''}"
@@ -157,7 +159,7 @@ def summarise_mission(
         "largest_gauge": gauge,
         "plans": len(plans),
         "planning_time": float(sum(plan.get("seconds") or 0.0 for plan in plans)),
-        **_consistency(arrays),
+        **(_consistency(arrays) if is_known else {"attitude_error": None, "nees": None}),
         "tumble_axis": int(classify(target.principal, arrays["target_w"][:1]).axis[0]),
         "tumble_rate": float(np.linalg.norm(arrays["target_w"][0])),
         "detail": "" if success or not answers else answers[-1].get("message") or answers[-1].get("refusal") or "",

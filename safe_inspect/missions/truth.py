@@ -260,6 +260,8 @@ def replay(folder: str | os.PathLike[str]) -> Replay:
     return Replay(time, np.hstack((position, velocity)), orientation, q, clearance)
 
 
+#: Smallest cosine between the normal of a surface and the direction to the camera at which an operator marks a point.
+_LEAST_MARKED = 0.5
 #: Jump of the inertial unit's biases during a fault [m/s^2, rad/s].
 _BIAS_STEP = (0.02, 5e-4)
 
@@ -348,9 +350,23 @@ class SensorSuite:
         self._calls += 1
         frame = None if late or is_blind else self._frame(time, chaser, target, number)
         state = self._states.measure(time, chaser, target, silent=is_blind) if "state" in reads else None
+        mark = None if frame is None or "mark" not in reads else self._mark(chaser, target, number)
         flags = {"camera": is_blind, "imu": self._is_imu_silent}
         silent = frozenset(name for name, is_silent in flags.items() if is_silent)
-        return Readings(time, start, frame, samples, command, state, silent)
+        return Readings(time, start, frame, samples, command, state, mark, silent)
+
+    def _mark(self, chaser: BodyState, target: BodyState, number: int) -> FloatArray | None:
+        """Return the mating point in B with the operator's error; None if the surface below it looks away."""
+        T_MB, known = pose_in_model(self._target, chaser, target), self._target  # noqa: N806
+        point = known.R_MT @ known.mating_point
+        distances, gradients = known.solid.distances(point[None])
+        nearest = distances[0].argmin()
+        foot, normal = point - distances[0, nearest] * gradients[0, nearest], gradients[0, nearest]
+        to_camera = (T_MB @ self._T_BC)[:3, 3] - foot
+        if normal @ to_camera < _LEAST_MARKED * np.linalg.norm(to_camera):
+            return None
+        error = self._config.mark.sigma * self._streams.normal("operator.mark", 3, number)[0]
+        return np.asarray(T_MB[:3, :3].T @ (point - T_MB[:3, 3]) + error)
 
     def _samples(self, trace: ChaserTrace) -> tuple[InertialSample, ...]:
         """Return the samples of the inertial unit over a control step; none if it was silent."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.dynamics.tumble import tumble
+from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
 
 
@@ -82,6 +83,8 @@ class StateEstimate:
         mismatch: Largest distance in T between the chaser's position as one of the newest frames alone shows it and the
             estimated position, plus the standard deviation of that frame [m]; infinite if one of these frames does not
             show the target.
+        mapped: The target as mapped during the mission; None if it was known before, or is not mapped yet. Its axes T
+            are those of the estimate.
     """
 
     time: float
@@ -94,6 +97,7 @@ class StateEstimate:
     problem: str = ""
     alarm: str = ""
     mismatch: float = 0.0
+    mapped: Target | None = None
 
     @property
     def translation(self) -> FloatArray:

@@ -22,7 +22,7 @@ from safe_inspect.plugins.functor import functor_field, misplaced
 from safe_inspect.rendezvous.control.bound import ConformalBound
 from safe_inspect.rendezvous.depth_camera import TimeOfFlightCamera
 from safe_inspect.rendezvous.inertial_unit import ImuNoise, checked_noise
-from safe_inspect.rendezvous.measured_poses import PoseSensor, StateSensor
+from safe_inspect.rendezvous.measured_poses import MarkSensor, PoseSensor, StateSensor
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.plugins import MeshTarget
 from safe_inspect.rendezvous.target.model import Target
@@ -47,6 +47,7 @@ class SensorsConfig(Model):
         imu_ticks: Number of ticks between two samples of the inertial unit.
         poses: Simulated sensor of relative poses, which ``MeasuredPoses`` reads instead of frames.
         state: Simulated sensor of states, which ``MeasuredState`` reads.
+        mark: Simulated operator who marks the mating point in frames, which ``MappingEstimator`` reads.
     """
 
     camera: TimeOfFlightCamera = TimeOfFlightCamera()
@@ -55,6 +56,7 @@ class SensorsConfig(Model):
     imu_ticks: int = Field(default=2, ge=1)
     poses: PoseSensor = PoseSensor()
     state: StateSensor = StateSensor()
+    mark: MarkSensor = MarkSensor()
 
     _check_imu = field_validator("imu")(checked_noise)
 

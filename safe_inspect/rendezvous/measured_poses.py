@@ -52,6 +52,16 @@ class PoseSensor(Model):
     skips: int = Field(default=3, ge=1)
 
 
+class MarkSensor(Model):
+    """Operator who marks the mating point in the frames that show the surface below it.
+
+    Attributes:
+        sigma: Standard deviation of the error along each axis [m].
+    """
+
+    sigma: NonNegativeLength = 5e-3  # type: ignore[valid-type]
+
+
 @dataclass(frozen=True, eq=False)
 class PoseFrame(DepthFrame):
     """A frame without points that contains relative poses measured by a simulated sensor instead.

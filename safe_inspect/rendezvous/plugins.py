@@ -9,6 +9,7 @@ from safe_inspect.rendezvous.control.tracker import TubeTracker as TubeTracker
 from safe_inspect.rendezvous.estimation.estimators import MeasuredState as MeasuredState
 from safe_inspect.rendezvous.estimation.estimators import PipelineEstimator as PipelineEstimator
 from safe_inspect.rendezvous.estimation.estimators import StateEstimator as StateEstimator
+from safe_inspect.rendezvous.estimation.mapping import MappingEstimator as MappingEstimator
 from safe_inspect.rendezvous.front_end.base import FrontEnd as FrontEnd
 from safe_inspect.rendezvous.front_end.base import MeasuredPoses as MeasuredPoses
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd as ModelFrontEnd

@@ -11,8 +11,9 @@ from safe_inspect.rendezvous.inertial_unit import InertialSample
 from safe_inspect.rendezvous.measured_poses import StateReading
 from safe_inspect.types import FloatArray
 
-#: What an estimator may read: depth frames, measured poses instead of frames, inertial samples, measured states.
-Reading = Literal["frames", "poses", "inertial", "state"]
+#: What an estimator may read: depth frames, measured poses instead of frames, inertial samples, measured
+#: states, and the mating point as an operator marks it in frames.
+Reading = Literal["frames", "poses", "inertial", "state", "mark"]
 
 
 class Command(NamedTuple):
@@ -38,6 +39,8 @@ class Readings:
         samples: The inertial samples since the last step, in order; empty if the inertial unit was silent.
         command: The command that was held since the last step; None at the first step.
         state: The measurement of the sensor of states; None without one.
+        mark: The mating point in B as an operator marks it in the frame of this step [m], shape (3,); None if the
+            frame does not show the place.
         silent: The sensors that do not respond now: ``camera``, ``imu``.
     """
 
@@ -47,4 +50,5 @@ class Readings:
     samples: tuple[InertialSample, ...] = ()
     command: Command | None = None
     state: StateReading | None = None
+    mark: FloatArray | None = None
     silent: frozenset[str] = frozenset()

@@ -37,6 +37,8 @@ _MOST_GROWTH = 0.015
 #: Reserve after a tube has exceeded a limit: of the keep-in box, and of the force as a fraction of its limit.
 _SPARE_LENGTH = 0.002
 _SPARE_FORCE = 0.005 / 0.30
+#: Clearance of a mapped mating point that the first margin leaves to the errors of the map.
+_MAP_ALLOWANCE = 0.015
 #: Distance by which a chaser that holds its position may drift from the start of a plan.
 _DRIFT = 0.02
 #: Smallest fraction of a limit that a plan may use.
@@ -68,9 +70,14 @@ class PlanDemands:
     length: float = 1.0
 
     @classmethod
-    def first(cls, length: float) -> PlanDemands:
-        """Return the requirements before a tube is known, in a scenario of a given length [m]."""
-        return cls(margin=lambda times: length * PlanQuery.margin(times), length=length)
+    def first(cls, length: float, most: float = np.inf) -> PlanDemands:
+        """Return the requirements before a tube is known.
+
+        Args:
+            length: Length of the scenario [m].
+            most: Upper limit of the margin [m].
+        """
+        return cls(margin=lambda times: np.minimum(length * PlanQuery.margin(times), most), length=length)
 
     def limits(self, limits: Limits, position: FloatArray) -> Limits:
         """Return the limits for a plan; the box always contains the position [m], shape (3,), from which it starts."""
@@ -298,6 +305,14 @@ class MissionContext:
         distance = np.linalg.norm(chaser.position - target.position) / np.linalg.norm(self.target.mating_point)
         share = min(max(2.0 - float(distance), 0.0), 1.0)
         return target.position + share * rotate(target.orientation, self.target.landmark)
+
+    def use_map(self, target: Target) -> None:
+        """Continue with a mapped target; the first plan must have at most the clearance of its mating point."""
+        self.target = target
+        point = target.R_MT @ target.mating_point
+        spare = float(target.solid.distance(point[None])[0]) - self.limits.radius
+        length = self.config.mission.length
+        self.demands = PlanDemands.first(length, spare - _MAP_ALLOWANCE * length)
 
     def clearance(self) -> float:
         """Return the estimated distance from the chaser's sphere to the target's boxes [m]."""

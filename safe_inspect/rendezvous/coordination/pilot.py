@@ -141,7 +141,7 @@ class Pilot:
 
     Args:
         config: Configuration of the pilot.
-        target: The known properties of the target.
+        target: What is known of the target before the mission; a map replaces it.
         estimator: The estimator of the mission.
         streams: The random streams of the mission.
         report: Called with the name and the data of each event.
@@ -241,6 +241,8 @@ class Pilot:
         context, mission = self.context, self._config.mission
         before = context.estimate.updated
         context.readings, context.estimate, context.time = readings, estimate, readings.time
+        if estimate.mapped is not None and estimate.mapped is not context.target:
+            context.use_map(estimate.mapped)
         context.step = round(readings.time / mission.step)
         if "camera" not in readings.silent:
             context.camera_time = context.time

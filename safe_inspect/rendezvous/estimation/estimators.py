@@ -93,6 +93,10 @@ class StateEstimator(Plugin):
         """The kinds of measurements that the estimator reads; the others are not simulated."""
         return ("frames", "inertial")
 
+    def known(self, target: Target) -> Target:
+        """Return what estimator and pilot know of a target before the mission: by default everything."""
+        return target
+
 
 class _MeasuredStateRun:
     """Estimator of one mission; between two measurements it predicts the target as a free body.
@@ -136,7 +140,7 @@ class MeasuredState(StateEstimator):
         return _MeasuredStateRun(context)
 
 
-class _PipelineEstimatorRun:
+class PipelineEstimatorRun:
     """Estimator of one mission that runs the pipeline on its readings.
 
     Args:
@@ -266,6 +270,6 @@ class PipelineEstimator(StateEstimator):
         """The kinds of measurements that the estimator reads."""
         return (self.front_end.reads, "inertial")
 
-    def __call__(self, context: EstimatorContext) -> _PipelineEstimatorRun:
+    def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:
         """Return the estimator of a mission."""
-        return _PipelineEstimatorRun(context, self)
+        return PipelineEstimatorRun(context, self)

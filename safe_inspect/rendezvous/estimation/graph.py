@@ -25,15 +25,14 @@ from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, 
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import MODEL, Edge, skew
 from safe_inspect.types import FloatArray
-from safe_inspect.units import NonNegativeDuration
+from safe_inspect.units import NonNegativeDuration, PositiveLength
 
 #: Standard deviations [rad, m] of G at the first frame, which fixes it, and of the model's pose before it is measured.
 _FIXED, _LOOSE = 1e-5, 10.0
 #: Standard deviations of the chaser's attitude [rad], position [m] and velocity [m/s] at the start.
 _START_ATTITUDE, _START_POSITION, _START_VELOCITY = 1e-4, 1e-4, 1e-3
-#: Standard deviations of the rotation kinematic factor, which constrains the centre of mass to be at rest in W, and of
-#: the factor by which the model's origin is the centre of mass [m].
-_KINEMATIC, _MODEL_CENTRE = 5e-3, 1e-3
+#: Standard deviation of the rotation kinematic factor, which constrains the centre of mass to be at rest in W [m].
+_KINEMATIC = 5e-3
 #: Lower-case letters of the variables that belong to a frame.
 _OF_FRAMES = set(OF_FRAMES.lower())
 #: Residual beyond which an edge counts less, in standard deviations.
@@ -51,10 +50,12 @@ class ISAM2BackEnd(Plugin):
         largest: Number of frames beyond which the older half is eliminated.
         memory: Correlation time of the errors of poses relative to the model [s]: their covariances are multiplied by
             ``(1 + rho) / (1 - rho)`` with ``rho = exp(-dt / memory)``; 0 for independent errors.
+        model_centre: Standard deviation of the origin of the model from the centre of mass [m].
     """
 
     largest: int = Field(default=600, ge=10)
     memory: NonNegativeDuration = 2.0  # type: ignore[valid-type]
+    model_centre: PositiveLength = 1e-3  # type: ignore[valid-type]
 
     def __call__(self, imu: ImuBuffer, start: ChaserStart, centre: CentrePrior) -> PoseGraph:
         """Return the back end for a mission; see `PoseGraph`."""
@@ -210,7 +211,7 @@ class PoseGraph:
                 self._values.insert(key("M"), model)
                 self._values.insert(key("Z"), np.zeros(3))
                 self._add(gtsam.PriorFactorPose3(key("M"), model, self._same(6, _LOOSE)))
-                for factor in model_centre_factors(_MODEL_CENTRE):
+                for factor in model_centre_factors(self._options.model_centre):
                     self._add(factor)
             alike = replace(edge, covariance=self._alike * edge.covariance)
             self._add(edge_factor(alike, key("M"), key("G", second), _HUBER), second)

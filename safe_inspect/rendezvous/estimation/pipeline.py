@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import conjugate, from_matrix, multiply, rotate, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, rotate, to_matrix
 from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation.change import (
     OFF_FRAMES,
@@ -22,10 +22,17 @@ from safe_inspect.rendezvous.estimation.change import (
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody, PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.factors import ImuBuffer
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
-from safe_inspect.rendezvous.estimation.states import CentrePrior, ChaserStart, GraphEstimate, History, TargetEstimate
+from safe_inspect.rendezvous.estimation.states import (
+    CentrePrior,
+    ChaserStart,
+    GraphEstimate,
+    History,
+    TargetEstimate,
+    turned_by_bias,
+)
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, FrontEndRun
 from safe_inspect.rendezvous.inertial_unit import InertialSample
-from safe_inspect.rendezvous.poses import MODEL, Edge
+from safe_inspect.rendezvous.poses import MODEL, Edge, pose
 from safe_inspect.types import FloatArray
 
 #: Minimum time between two fits of the motion [s].
@@ -171,6 +178,24 @@ class EstimationPipeline:
             glued[seen] = from_matrix(np.stack([relative[name][:3, :3] for name in names if name in relative]))
         times = np.array([self._times[name] for name in names])
         return History.of(times, from_matrix(poses[first:, :3, :3]), glued, self._edges, names)
+
+    def motion_poses(self) -> dict[int, FloatArray]:
+        """Return T_GB of the frames of the history by the fitted motion, shape (4, 4) each, by number of the frame.
+
+        The motion determines the target's attitude, and the graph the chaser's pose relative to the centre of mass.
+        """
+        found, graph, history = self.target, self.graph, self.history()
+        assert found is not None, "the motion must be known"
+        assert graph is not None, "the motion is known after the first frame only"
+        turned = turned_by_bias(history)
+        q_WT = multiply(exp((turned[-1] - turned) @ found.drift), found.predict(history.times)[0])  # noqa: N806
+        R_GW = to_matrix(multiply(found.q_GT, conjugate(q_WT)))  # noqa: N806
+        names = list(self._back_end.frames)[-len(history.times) :]
+        chaser = self._back_end.chaser_poses(len(names))
+        return {
+            name: pose(R_GW[k] @ chaser[k, :3, :3], graph.centre_glued + R_GW[k] @ (chaser[k, :3, 3] - graph.centre))
+            for k, name in enumerate(names)
+        }
 
     def _fit(self, time: float) -> None:
         graph, known = self.graph, self.target

@@ -75,3 +75,53 @@ class MeshSolid:
             sign[near] = np.where(body.contains(points[near]), -1.0, 1.0)
         outside = np.sqrt(np.maximum(length**2 - self._spacing**2, 0.0))
         return np.where(sign > 0.0, outside, -length), sign[:, None] * gradient
+
+
+class PointSolid:
+    """Union of balls of one radius about each point of its parts, for instance of a map.
+
+    Args:
+        parts: Points [m], shape (n, 3), and the radius of the balls about them [m], of each part.
+    """
+
+    def __init__(self, parts: tuple[tuple[FloatArray, float], ...]) -> None:
+        from scipy.spatial import cKDTree  # slow to import
+
+        self._parts = parts
+        self._trees = [cKDTree(points) for points, _ in parts]
+
+    @property
+    def vertices(self) -> FloatArray:
+        """The points of all parts, moved outwards by their radius [m], shape (V, 3)."""
+        lengths = [np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12) for points, _ in self._parts]
+        return np.concatenate(
+            [points * (1.0 + radius / size) for (points, radius), size in zip(self._parts, lengths, strict=True)]
+        )
+
+    def moved(self, shift: FloatArray) -> PointSolid:
+        """Return the solid moved by a vector [m], shape (3,)."""
+        return PointSolid(tuple((points + shift, radius) for points, radius in self._parts))
+
+    def in_units_of(self, length: float) -> PointSolid:
+        """Return the solid with all lengths divided by a length [m]."""
+        return PointSolid(tuple((points / length, radius / length) for points, radius in self._parts))
+
+    def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the signed distance to each part and its gradient; see `OrientedBoxes.distances`.
+
+        Args:
+            points: Points [m], shape (N, 3).
+
+        Returns:
+            Distances [m], shape (N, B), and unit gradients [-], shape (N, B, 3).
+        """
+        found, gradients = [], []
+        for (_, radius), tree in zip(self._parts, self._trees, strict=True):
+            length, nearest = tree.query(points)
+            found.append(length - radius)
+            gradients.append((points - tree.data[nearest]) / np.maximum(length, 1e-12)[:, None])
+        return np.stack(found, axis=1), np.stack(gradients, axis=1)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Return the signed distance to the union [m], shape (N,), of points, shape (N, 3)."""
+        return np.asarray(self.distances(points)[0].min(axis=1))
