@@ -308,7 +308,7 @@ class MissionContext:
 
     def use_map(self, target: Target) -> None:
         """Continue with a mapped target; the first plan must have at most the clearance of its mating point."""
-        self.target = target
+        self.target, self.hold_point = target, self.estimate.chaser.position.copy()
         point = target.R_MT @ target.mating_point
         spare = float(target.solid.distance(point[None])[0]) - self.limits.radius
         length = self.config.mission.length

@@ -146,12 +146,13 @@ class PipelineEstimatorRun:
     Args:
         context: Context of the estimator.
         options: The options.
+        first: T_MB of the first frame, shape (4, 4); None if it must be searched.
     """
 
-    def __init__(self, context: EstimatorContext, options: PipelineEstimator) -> None:
+    def __init__(self, context: EstimatorContext, options: PipelineEstimator, first: FloatArray | None = None) -> None:
         self._context, self._options = context, options
         target = context.target if options.known_target else None
-        self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams)
+        self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams, first)
         self._front_end = options.front_end(self._seen)
         self.pipeline: EstimationPipeline | None = None
         self._response = ActuatorResponse(context.chaser, context.step)

@@ -20,10 +20,11 @@ from safe_inspect.rendezvous.estimation.estimators import (
 )
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
+from safe_inspect.rendezvous.estimation.states import largest_sigma
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.poses import inverse, move
+from safe_inspect.rendezvous.poses import inverse, move, pose
 from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.rendezvous.target.solid import MeshSolid
@@ -33,7 +34,12 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLe
 #: Standard deviation of the map's origin from the centre of mass [m].
 _CENTRE = 0.03
 #: Misfit of the motion above which no map is made, in standard deviations, and the time until the next attempt [s].
-_LARGEST_MISFIT, _AGAIN = 3.0, 10.0
+_LARGEST_MISFIT, _AGAIN = 3.0, 30.0
+#: Standard deviation of the attitude above which no map is made [rad], and the longest time without a pose to the map
+#: while frames are registered to it again [s].
+_LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 8.0
+#: Time constant of keeping the distance from what is seen [s].
+_STATION = 100.0
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
 _UNMARKED = 1e-3
 
@@ -80,6 +86,38 @@ class MappingEstimator(StateEstimator):
         return _MappingEstimatorRun(context, self)
 
 
+class _Station:
+    """Motion of the chaser relative to what it sees, from the commands and the mean of the points of each frame.
+
+    The mean moves about as the target turns, so that it corrects the motion slowly.
+
+    Args:
+        start: The chaser at the start.
+
+    Attributes:
+        position: Position of the chaser in W [m], shape (3,).
+        velocity: Its velocity [m/s], shape (3,).
+        centre: Mean of the points of the first frame in W [m], shape (3,); None before it.
+    """
+
+    def __init__(self, start: BodyState) -> None:
+        self.position, self.velocity = start.position, start.velocity
+        self.centre: FloatArray | None = None
+
+    def advance(self, acceleration: FloatArray, step: float) -> None:
+        """Advance by a step [s] with the commanded acceleration in W [m/s^2], shape (3,)."""
+        self.position = self.position + step * self.velocity + 0.5 * step**2 * acceleration
+        self.velocity = self.velocity + step * acceleration
+
+    def correct(self, seen: FloatArray, period: float) -> None:
+        """Correct the motion by the chaser's position from the mean of the points, in axes of W [m], shape (3,)."""
+        if self.centre is None:
+            self.centre = self.position - seen
+        error = self.centre + seen - self.position
+        self.position = self.position + min(2.0 * period / _STATION, 1.0) * error
+        self.velocity = self.velocity + period / _STATION**2 * error
+
+
 class _MappingEstimatorRun:
     """Estimator of one mission.
 
@@ -101,8 +139,6 @@ class _MappingEstimatorRun:
         self._map = SurfaceMap(context.camera, context.T_BC, noise)
         self._readings: list[Readings] = []
         self._marks: list[tuple[int, FloatArray]] = []
-        #: Mean of the points of each frame, in W [m].
-        self._seen: list[FloatArray] = []
         #: Times of the next attempt to make a map, and of the end of its computation [s].
         self._due, self._ready = options.duration, np.inf
         #: The map, and its origin in the frame of the map that frames are registered to.
@@ -116,6 +152,7 @@ class _MappingEstimatorRun:
             return self._about_origin(estimate)
         self._keep(readings, estimate.chaser)
         pipeline = self._run.pipeline
+        pipeline.expects_changes = False  # odometry errs more often than something strikes the target
         if readings.time >= self._due - 1e-9:
             self._due = readings.time + _AGAIN
             if _is_consistent(pipeline) and self._marks:
@@ -128,32 +165,43 @@ class _MappingEstimatorRun:
         return self._not_mapped(estimate)
 
     def _not_mapped(self, estimate: StateEstimate) -> StateEstimate:
-        """Return an estimate without a motion, of a target at the mean of the points that have been seen.
+        """Return an estimate without a motion, by which the chaser keeps its distance from the points that it sees.
 
-        Until the target has turned far enough, the graph's centre of mass may be off by half of the target's size.
+        Until the target has turned far enough, the graph's centre of mass may be off by half of the target's size, and
+        the chaser's position with it.
         """
-        inertia, centre = self._context.target.principal, np.mean(self._seen, axis=0) if self._seen else None
-        return unknown_estimate(estimate.time, estimate.updated, estimate.chaser, inertia, estimate.correlation, centre)
+        position, velocity = self._station.position, self._station.velocity
+        chaser = estimate.chaser._replace(position=position, velocity=velocity)
+        known, centre = self._context.target.principal, self._station.centre
+        return unknown_estimate(estimate.time, estimate.updated, chaser, known, estimate.correlation, centre)
 
     def _keep(self, readings: Readings, chaser: BodyState) -> None:
         """Keep readings for the map. Like the pipeline, count an empty frame if there is none at the start."""
+        if readings.start is not None:
+            self._station = _Station(readings.start)
+        if readings.command is not None:
+            force = rotate(chaser.orientation, readings.command.force)
+            self._station.advance(force / self._context.chaser.mass, self._context.step)
+        if readings.frame is not None and len(readings.frame.points):
+            middle = move(self._context.T_BC, readings.frame.points.mean(axis=0, keepdims=True))[0]
+            self._station.correct(-rotate(chaser.orientation, middle), self._context.frame_period)
         frame = readings.frame if self._readings or readings.frame is not None else no_frame(readings.time)
         self._readings.append(readings)
         if frame is not None:
             number = self._map.add(frame)
             if readings.mark is not None:
                 self._marks.append((number, readings.mark))
-            if len(frame.points):
-                middle = move(self._context.T_BC, frame.points.mean(axis=0, keepdims=True))[0]
-                self._seen.append(chaser.position + rotate(chaser.orientation, middle))
 
     def _make_map(self, pipeline: EstimationPipeline) -> StateEstimate:
         """Make the map from all frames, register them to it, and do so again with the poses that this gives."""
         for _ in range(2):
-            model = self._map_of(pipeline)
-            run = self._to_map(replace(self._context, target=model))
+            model, start = self._map_of(pipeline)
+            run = PipelineEstimatorRun(replace(self._context, target=model), self._to_map, start)
             for readings in self._readings:
                 estimate = run.update(readings)
+                run.pipeline.expects_changes = False
+                if readings.time > run.pipeline.updated + _LOST:
+                    return estimate
             pipeline = run.pipeline
             if not _is_consistent(pipeline) or pipeline.graph.model is None:
                 return estimate
@@ -165,19 +213,24 @@ class _MappingEstimatorRun:
         mating_point = model.R_MT.T @ (np.median(marks, axis=0) - self._origin)
         mesh = TriangleMesh(model.mesh.vertices - self._origin, model.mesh.faces)
         self._mapped = Target(model.solid.moved(-self._origin), mesh, model.inertia, mating_point)
-        self._run = run
+        self._run, pipeline.expects_changes = run, True
         self._readings.clear()
         return estimate
 
-    def _map_of(self, pipeline: EstimationPipeline) -> Target:
-        """Return the map of all frames with the motion that a pipeline has found; its origin is the centre of mass."""
+    def _map_of(self, pipeline: EstimationPipeline) -> tuple[Target, FloatArray | None]:
+        """Return the map of all frames with the motion that a pipeline has found, and T_MB of the first frame.
+
+        The origin of the map is the centre of mass.
+        """
         poses, centre, motion = pipeline.motion_poses(), pipeline.graph.centre_glued, pipeline.target
         surface = self._map.surface(poses)
         axes = to_matrix(motion.q_GT)
         inertia = axes @ np.diag(motion.inertia) @ axes.T
         mesh = TriangleMesh(surface.vertices - centre, surface.faces)
         solid = self._map.solid(poses, surface, centre)
-        return Target(solid, mesh, 0.5 * (inertia + inertia.T), self._context.target.mating_point)
+        first = poses.get(0)
+        start = None if first is None else pose(first[:3, :3], first[:3, 3] - centre)
+        return Target(solid, mesh, 0.5 * (inertia + inertia.T), self._context.target.mating_point), start
 
     def _about_origin(self, estimate: StateEstimate) -> StateEstimate:
         """Return an estimate of the position of the point of the map that was the centre of mass when it was made."""
@@ -193,5 +246,7 @@ def _centre_in_map(pipeline: EstimationPipeline) -> FloatArray:
 
 def _is_consistent(pipeline: EstimationPipeline) -> bool:
     """Return whether the motion is known and agrees with the poses."""
-    is_known = pipeline.graph is not None and pipeline.target is not None and not pipeline.changed
-    return is_known and pipeline.target.misfit < _LARGEST_MISFIT
+    found = pipeline.target
+    if found is None or pipeline.graph is None:
+        return False
+    return found.misfit < _LARGEST_MISFIT and largest_sigma(found.covariance[:3, :3]) < _LARGEST_ATTITUDE

@@ -72,6 +72,8 @@ class EstimationPipeline:
 
     Attributes:
         measured: The edges that the front end has measured in the newest frame.
+        expects_changes: Whether frames that disagree with the motion mean that it has changed; otherwise they count as
+            wrong.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class EstimationPipeline:
         self.updated = 0.0
         self.changed = False
         self.measured: list[Edge] = []
+        self.expects_changes = True
         self._step(frame, np.eye(3))
         self._edges += self.measured
 
@@ -218,7 +221,7 @@ class EstimationPipeline:
             self.target, self.changed = found or known, self.changed and found is None
         elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
             self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)
-        elif known is not None and found.recent_misfit > _CHANGED_MISFIT:
+        elif known is not None and found.recent_misfit > _CHANGED_MISFIT and self.expects_changes:
             self._forget_before(time - QUICK_SPAN, time)
         else:
             self.target = found
@@ -226,7 +229,7 @@ class EstimationPipeline:
     def _check_motion(self, time: float, edges: list[Edge]) -> None:
         """Check whether the newest attitudes agree with the known motion; if not, discard the frames before them."""
         known = self.target
-        if known is None or not edges:
+        if known is None or not edges or not self.expects_changes:
             return
         if self.changed:
             self._follow_newest(time)

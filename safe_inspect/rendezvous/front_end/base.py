@@ -121,12 +121,14 @@ class FrontEndContext:
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target, None if its shape is not known.
         streams: Random streams that only the estimator uses.
+        first: T_MB of the first frame, shape (4, 4); None if it is not known.
     """
 
     camera: DepthCamera
     T_BC: FloatArray
     target: Target | None
     streams: Streams
+    first: FloatArray | None = None
 
 
 class FrontEndRun(Protocol):

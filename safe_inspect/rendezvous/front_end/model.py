@@ -127,7 +127,9 @@ class ModelFrontEnd(FrontEnd):
         registration = self.registration(context.target, context.camera, context.T_BC)
         # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
         cleaning = Cleaning(context.camera, edge=np.inf)
-        return _ModelFrontEndRun(cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE)
+        return _ModelFrontEndRun(
+            cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE, context.first
+        )
 
     @property
     def range_noise(self) -> float:
@@ -164,6 +166,7 @@ class _ModelFrontEndRun:
         registration: Registers frames.
         T_BC: Pose of the camera in B, shape (4, 4).
         largest_score: Largest score of an accepted registration [m].
+        first: T_MB of the first frame, shape (4, 4); None if it is not known.
     """
 
     def __init__(
@@ -172,9 +175,10 @@ class _ModelFrontEndRun:
         registration: ModelRegistration,
         T_BC: FloatArray,  # noqa: N803
         largest_score: float,
+        first: FloatArray | None,
     ) -> None:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
-        self._largest_score = largest_score
+        self._largest_score, self._first = largest_score, first
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
@@ -195,6 +199,9 @@ class _ModelFrontEndRun:
         was_ambiguous = len(self._hypotheses) > 1
         if self._hypotheses:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
+        elif self._first is not None:
+            found = self._registration(cloud, self._first, np.diag(np.repeat(_PREDICTION, 3) ** -2))
+            self._hypotheses, self._first = [self._hypothesis(found, frame.time)], None
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
             self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
@@ -298,9 +305,11 @@ class _ModelFrontEndRun:
         if expected is not None:
             near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
             fitting = near or fitting
-        self._hypotheses = [
-            _Hypothesis(one, one, self._count - 1, RelativeMotion(time, one.pose), score=one.score) for one in fitting
-        ]
+        self._hypotheses = [self._hypothesis(one, time) for one in fitting]
+
+    def _hypothesis(self, found: Registration, time: float) -> _Hypothesis:
+        """Return the hypothesis that begins with a registration of the newest frame."""
+        return _Hypothesis(found, found, self._count - 1, RelativeMotion(time, found.pose), score=found.score)
 
     def _choose(self) -> None:
         """Record the scores at each distinct view and drop the hypotheses that are ruled out.
