@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Protocol
 
@@ -190,6 +191,24 @@ class PipelineEstimatorRun:
             self._renewed = readings.time
         estimate = self._estimate(self.pipeline, readings.time, renew=is_due)
         self._rate = estimate.chaser.angular_velocity
+        return estimate
+
+    def expect_changes(self, expected: bool) -> None:
+        """Set whether frames that disagree with the motion mean that it has changed."""
+        if self.pipeline is not None:
+            self.pipeline.expects_changes = expected
+
+    def replay(self, kept: Sequence[Readings], longest: float) -> StateEstimate | None:
+        """Return the estimate after readings that were kept; None if no frame gives a pose for a time [s].
+
+        A motion that disagrees with frames is not taken as a change.
+        """
+        estimate = None
+        for readings in kept:
+            estimate = self.update(readings)
+            self.expect_changes(False)
+            if readings.time > estimate.updated + longest:
+                return None
         return estimate
 
     def _turned_since(self, found: TargetEstimate | None, rotation: FloatArray, time: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -20,14 +20,14 @@ from safe_inspect.rendezvous.estimation.estimators import (
 )
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
-from safe_inspect.rendezvous.estimation.states import largest_sigma
+from safe_inspect.rendezvous.estimation.states import TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import inverse, move, pose
 from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
-from safe_inspect.rendezvous.target.solid import MeshSolid
+from safe_inspect.rendezvous.target.solid import MeshSolid, PointSolid
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength
 
@@ -86,7 +86,7 @@ class MappingEstimator(StateEstimator):
         return _MappingEstimatorRun(context, self)
 
 
-class _Station:
+class Station:
     """Motion of the chaser relative to what it sees, from the commands and the mean of the points of each frame.
 
     The mean moves about as the target turns, so that it corrects the motion slowly.
@@ -118,6 +118,44 @@ class _Station:
         self.velocity = self.velocity + period / _STATION**2 * error
 
 
+class _Found(NamedTuple):
+    """What a pipeline has found about the target.
+
+    Attributes:
+        poses: T_GB of the frames, by their number, shape (4, 4) each.
+        centre: Centre of mass in G [m], shape (3,).
+        model: T_GM of the map that frames are registered to, shape (4, 4); None without one.
+        motion: The motion.
+    """
+
+    poses: dict[int, FloatArray]
+    centre: FloatArray
+    model: FloatArray | None
+    motion: TargetEstimate
+
+    @classmethod
+    def of(cls, pipeline: EstimationPipeline | None) -> _Found | None:
+        """Return what a pipeline has found; None if the motion is not known or does not agree with the poses."""
+        if pipeline is None or pipeline.target is None or pipeline.graph is None:
+            return None
+        motion, graph = pipeline.target, pipeline.graph
+        if motion.misfit > _LARGEST_MISFIT or largest_sigma(motion.covariance[:3, :3]) > _LARGEST_ATTITUDE:
+            return None
+        return cls(pipeline.motion_poses(), graph.centre_glued, graph.model, motion)
+
+
+class _Mapped(NamedTuple):
+    """The target that was mapped.
+
+    Attributes:
+        target: The target, about the centre of mass as it was known when the map was made.
+        origin: That centre of mass in the frame M of the map that frames are registered to [m], shape (3,).
+    """
+
+    target: Target
+    origin: FloatArray
+
+
 class _MappingEstimatorRun:
     """Estimator of one mission.
 
@@ -128,125 +166,119 @@ class _MappingEstimatorRun:
 
     def __init__(self, context: EstimatorContext, options: MappingEstimator) -> None:
         self._context, self._options = context, options
-        shared = {"correlation": options.correlation}
-        odometry = PipelineEstimator(front_end=options.front_end, known_target=False, **shared)
-        self._to_map = PipelineEstimator(
-            front_end=options.model_front_end, back_end=ISAM2BackEnd(model_centre=_CENTRE), **shared
-        )
-        self._run: PipelineEstimatorRun = odometry(context)
-        front_end = options.model_front_end
-        noise = (float(front_end.range_sigma), float(front_end.range_growth))
-        self._map = SurfaceMap(context.camera, context.T_BC, noise)
+        correlation = options.correlation
+        odometry = PipelineEstimator(front_end=options.front_end, known_target=False, correlation=correlation)
+        back_end = ISAM2BackEnd(model_centre=_CENTRE)
+        self._to_map = PipelineEstimator(front_end=options.model_front_end, back_end=back_end, correlation=correlation)
+        self._run = PipelineEstimatorRun(context, odometry)
+        noise = (float(options.model_front_end.range_sigma), float(options.model_front_end.range_growth))
+        self._surface = SurfaceMap(context.camera, context.T_BC, noise)
+        self._station: Station | None = None
         self._readings: list[Readings] = []
         self._marks: list[tuple[int, FloatArray]] = []
         #: Times of the next attempt to make a map, and of the end of its computation [s].
         self._due, self._ready = options.duration, np.inf
-        #: The map, and its origin in the frame of the map that frames are registered to.
-        self._mapped: Target | None = None
-        self._origin = np.zeros(3)
+        self._mapped: _Mapped | None = None
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
         estimate = self._run.update(readings)
         if self._mapped is not None:
-            return self._about_origin(estimate)
-        self._keep(readings, estimate.chaser)
-        pipeline = self._run.pipeline
-        pipeline.expects_changes = False  # odometry errs more often than something strikes the target
+            return self._about_origin(estimate, self._mapped)
+        # Odometry errs more often than something strikes the target.
+        self._run.expect_changes(False)
+        station = self._keep(readings, estimate.chaser)
         if readings.time >= self._due - 1e-9:
             self._due = readings.time + _AGAIN
-            if _is_consistent(pipeline) and self._marks:
+            if self._marks and _Found.of(self._run.pipeline) is not None:
                 self._due, self._ready = np.inf, readings.time + self._options.computing_time
         if readings.time >= self._ready - 1e-9:
-            estimate = self._make_map(pipeline)
-            if self._mapped is not None:
-                return self._about_origin(estimate)
             self._due, self._ready = readings.time + _AGAIN, np.inf
-        return self._not_mapped(estimate)
+            mapped = self._make_map()
+            if mapped is not None:
+                return mapped
+        return self._not_mapped(estimate, station)
 
-    def _not_mapped(self, estimate: StateEstimate) -> StateEstimate:
+    def _not_mapped(self, estimate: StateEstimate, station: Station) -> StateEstimate:
         """Return an estimate without a motion, by which the chaser keeps its distance from the points that it sees.
 
         Until the target has turned far enough, the graph's centre of mass may be off by half of the target's size, and
         the chaser's position with it.
         """
-        position, velocity = self._station.position, self._station.velocity
-        chaser = estimate.chaser._replace(position=position, velocity=velocity)
-        known, centre = self._context.target.principal, self._station.centre
-        return unknown_estimate(estimate.time, estimate.updated, chaser, known, estimate.correlation, centre)
+        chaser = estimate.chaser._replace(position=station.position, velocity=station.velocity)
+        known = self._context.target.principal
+        return unknown_estimate(estimate.time, estimate.updated, chaser, known, estimate.correlation, station.centre)
 
-    def _keep(self, readings: Readings, chaser: BodyState) -> None:
-        """Keep readings for the map. Like the pipeline, count an empty frame if there is none at the start."""
-        if readings.start is not None:
-            self._station = _Station(readings.start)
+    def _keep(self, readings: Readings, chaser: BodyState) -> Station:
+        """Keep readings for the map, and return the chaser's motion relative to what it sees."""
+        if self._station is None:
+            assert readings.start is not None, "the first readings contain the chaser's state"
+            self._station = Station(readings.start)
         if readings.command is not None:
             force = rotate(chaser.orientation, readings.command.force)
             self._station.advance(force / self._context.chaser.mass, self._context.step)
-        if readings.frame is not None and len(readings.frame.points):
-            middle = move(self._context.T_BC, readings.frame.points.mean(axis=0, keepdims=True))[0]
-            self._station.correct(-rotate(chaser.orientation, middle), self._context.frame_period)
-        frame = readings.frame if self._readings or readings.frame is not None else no_frame(readings.time)
+        frame = readings.frame
+        if frame is None and not self._readings:
+            frame = no_frame(readings.time)  # the pipeline counts an empty frame if there is none at the start
         self._readings.append(readings)
         if frame is not None:
-            number = self._map.add(frame)
+            number = self._surface.add(frame)
             if readings.mark is not None:
                 self._marks.append((number, readings.mark))
+            if len(frame.points):
+                middle = move(self._context.T_BC, frame.points.mean(axis=0, keepdims=True))[0]
+                self._station.correct(-rotate(chaser.orientation, middle), self._context.frame_period)
+        return self._station
 
-    def _make_map(self, pipeline: EstimationPipeline) -> StateEstimate:
-        """Make the map from all frames, register them to it, and do so again with the poses that this gives."""
-        for _ in range(2):
-            model, start = self._map_of(pipeline)
-            run = PipelineEstimatorRun(replace(self._context, target=model), self._to_map, start)
-            for readings in self._readings:
-                estimate = run.update(readings)
-                run.pipeline.expects_changes = False
-                if readings.time > run.pipeline.updated + _LOST:
-                    return estimate
-            pipeline = run.pipeline
-            if not _is_consistent(pipeline) or pipeline.graph.model is None:
-                return estimate
-        T_MG, poses = inverse(pipeline.graph.model), pipeline.motion_poses()  # noqa: N806
-        marks = [move(T_MG @ poses[number], mark[None])[0] for number, mark in self._marks if number in poses]
-        if not marks:
-            return estimate
-        self._origin = _centre_in_map(pipeline)
-        mating_point = model.R_MT.T @ (np.median(marks, axis=0) - self._origin)
-        mesh = TriangleMesh(model.mesh.vertices - self._origin, model.mesh.faces)
-        self._mapped = Target(model.solid.moved(-self._origin), mesh, model.inertia, mating_point)
-        self._run, pipeline.expects_changes = run, True
-        self._readings.clear()
-        return estimate
+    def _make_map(self) -> StateEstimate | None:
+        """Make the map from all frames, register them to it, and do so again with the poses that this gives.
 
-    def _map_of(self, pipeline: EstimationPipeline) -> tuple[Target, FloatArray | None]:
-        """Return the map of all frames with the motion that a pipeline has found, and T_MB of the first frame.
-
-        The origin of the map is the centre of mass.
+        Returns:
+            The estimate from the registration to the map; None if it failed.
         """
-        poses, centre, motion = pipeline.motion_poses(), pipeline.graph.centre_glued, pipeline.target
-        surface = self._map.surface(poses)
-        axes = to_matrix(motion.q_GT)
-        inertia = axes @ np.diag(motion.inertia) @ axes.T
-        mesh = TriangleMesh(surface.vertices - centre, surface.faces)
-        solid = self._map.solid(poses, surface, centre)
-        first = poses.get(0)
-        start = None if first is None else pose(first[:3, :3], first[:3, 3] - centre)
-        return Target(solid, mesh, 0.5 * (inertia + inertia.T), self._context.target.mating_point), start
+        run = self._run
+        for _ in range(2):
+            found = _Found.of(run.pipeline)
+            if found is None:
+                return None
+            model = self._model_of(found)
+            first = found.poses.get(0)
+            start = None if first is None else pose(first[:3, :3], first[:3, 3] - found.centre)
+            run = PipelineEstimatorRun(replace(self._context, target=model), self._to_map, start)
+            estimate = run.replay(self._readings, _LOST)
+            if estimate is None:
+                return None
+        found = _Found.of(run.pipeline)
+        if found is None or found.model is None:
+            return None
+        T_MG, poses = inverse(found.model), found.poses  # noqa: N806
+        marks = [move(T_MG @ poses[number], mark[None])[0] for number, mark in self._marks if number in poses]
+        if not marks or estimate is None:
+            return None
+        origin = move(T_MG, found.centre[None])[0]
+        mesh = TriangleMesh(model.mesh.vertices - origin, model.mesh.faces)
+        mating_point = model.R_MT.T @ (np.median(marks, axis=0) - origin)
+        solid = self._surface.solid(poses, model.mesh, found.model, origin)
+        self._mapped = _Mapped(Target(solid, mesh, model.inertia, mating_point), origin)
+        self._run = run
+        self._run.expect_changes(True)
+        self._readings.clear()
+        return self._about_origin(estimate, self._mapped)
 
-    def _about_origin(self, estimate: StateEstimate) -> StateEstimate:
+    def _model_of(self, found: _Found) -> Target:
+        """Return the map of all frames, about the centre of mass, for the registration of frames."""
+        surface = self._surface.mesh(found.poses)
+        axes = to_matrix(found.motion.q_GT)
+        inertia = axes @ np.diag(found.motion.inertia) @ axes.T
+        mesh = TriangleMesh(surface.vertices - found.centre, surface.faces)
+        known = self._context.target
+        return Target(PointSolid(((mesh.vertices, 0.0),)), mesh, 0.5 * (inertia + inertia.T), known.mating_point)
+
+    def _about_origin(self, estimate: StateEstimate, mapped: _Mapped) -> StateEstimate:
         """Return an estimate of the position of the point of the map that was the centre of mass when it was made."""
-        target, offset = estimate.target, self._origin - _centre_in_map(self._run.pipeline)
-        position = target.position + rotate(target.orientation, self._mapped.R_MT.T @ offset)
-        return replace(estimate, target=target._replace(position=position), mapped=self._mapped)
-
-
-def _centre_in_map(pipeline: EstimationPipeline) -> FloatArray:
-    """Return the centre of mass in the frame M of the map [m], shape (3,)."""
-    return move(inverse(pipeline.graph.model), pipeline.graph.centre_glued[None])[0]
-
-
-def _is_consistent(pipeline: EstimationPipeline) -> bool:
-    """Return whether the motion is known and agrees with the poses."""
-    found = pipeline.target
-    if found is None or pipeline.graph is None:
-        return False
-    return found.misfit < _LARGEST_MISFIT and largest_sigma(found.covariance[:3, :3]) < _LARGEST_ATTITUDE
+        pipeline, target = self._run.pipeline, estimate.target
+        if pipeline is not None and pipeline.graph is not None and pipeline.graph.model is not None:
+            centre = move(inverse(pipeline.graph.model), pipeline.graph.centre_glued[None])[0]
+            offset = rotate(target.orientation, mapped.target.R_MT.T @ (mapped.origin - centre))
+            target = target._replace(position=target.position + offset)
+        return replace(estimate, target=target, mapped=mapped.target)

@@ -79,7 +79,7 @@ class SurfaceMap:
         sigma = self._noise[0] + self._noise[1] * distance**2 / np.maximum(np.abs(cosine), _LEAST_COSINE)
         return OrientedPoints(cloud.points[seen], normals[seen], sigma[seen] ** -2)
 
-    def surface(self, poses: dict[int, FloatArray]) -> TriangleMesh:
+    def mesh(self, poses: dict[int, FloatArray]) -> TriangleMesh:
         """Return the surface in the frame G of the poses.
 
         Points are sorted by the directions of their normals into 26 sheets, each with a square grid across its
@@ -106,30 +106,34 @@ class SurfaceMap:
         used, indices = np.unique(np.concatenate(faces), return_inverse=True)
         return TriangleMesh(np.concatenate(vertices)[used], indices.reshape(-1, 3))
 
-    def solid(self, poses: dict[int, FloatArray], surface: TriangleMesh, centre: FloatArray) -> PointSolid:
-        """Return the space that the target may occupy, about its centre of mass.
+    def solid(
+        self, poses: dict[int, FloatArray], surface: TriangleMesh, model: FloatArray, origin: FloatArray
+    ) -> PointSolid:
+        """Return the space that the target may occupy, in the axes of M about a point.
 
         It contains the surface, and the cells of space that less than two frames have seen through, except next to the
         surface, whose outer side is free.
 
         Args:
             poses: T_GB by the number of the frame, shape (4, 4) each.
-            surface: The surface in G.
-            centre: The centre of mass in G [m], shape (3,).
+            surface: The surface in M.
+            model: T_GM, shape (4, 4).
+            origin: The point in M [m], shape (3,).
         """
         from scipy.spatial import cKDTree  # slow to import
 
-        radius = float(np.linalg.norm(surface.vertices - centre, axis=1).max())
+        vertices = surface.vertices - origin
+        radius = float(np.linalg.norm(vertices, axis=1).max())
         steps = np.arange(-radius, radius + _SPACE, _SPACE)
         cells = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
         cells = cells[np.linalg.norm(cells, axis=1) <= radius]
+        places = move(model, cells + origin)
         seen = np.zeros(len(cells), np.int64)
         for number, T_GB in poses.items():  # noqa: N806
-            seen += self._sees_through(self._frames[number], move(inverse(T_GB @ self._T_BC), cells + centre))
-        distance, _ = cKDTree(surface.vertices - centre).query(cells)
-        unseen = cells[(seen < _LEAST_SEEN) & (distance > _KNOWN)]
+            seen += self._sees_through(self._frames[number], move(inverse(T_GB @ self._T_BC), places))
+        unseen = cells[(seen < _LEAST_SEEN) & (cKDTree(vertices).query(cells)[0] > _KNOWN)]
         # Every place of the surface is within 9 mm of a vertex along it, 0.2 mm at the distance of a chaser's centre.
-        parts = (surface.vertices - centre, 0.0), (unseen, 0.5 * np.sqrt(3.0) * _SPACE)
+        parts = (vertices, 0.0), (unseen, 0.5 * np.sqrt(3.0) * _SPACE)
         return PointSolid(parts if len(unseen) else parts[:1])
 
     def _sees_through(self, frame: DepthFrame, places: FloatArray) -> BoolArray:

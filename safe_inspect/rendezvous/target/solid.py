@@ -98,10 +98,6 @@ class PointSolid:
             [points * (1.0 + radius / size) for (points, radius), size in zip(self._parts, lengths, strict=True)]
         )
 
-    def moved(self, shift: FloatArray) -> PointSolid:
-        """Return the solid moved by a vector [m], shape (3,)."""
-        return PointSolid(tuple((points + shift, radius) for points, radius in self._parts))
-
     def in_units_of(self, length: float) -> PointSolid:
         """Return the solid with all lengths divided by a length [m]."""
         return PointSolid(tuple((points / length, radius / length) for points, radius in self._parts))
