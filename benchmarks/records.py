@@ -28,6 +28,13 @@ from safe_inspect.evaluation.results.results import Evaluation
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _CONFIGS = "configs/tumbling-rendezvous"
 _TUMBLE = "tumble={functor: RandomTumble}"
+#: Mating points of targets of unknown shape, 3 cm farther out than those of known ones [m].
+_MARKED = {
+    "satellite": (-0.1, 0.0, -0.55),
+    "cylinder_with_panels": (0.0, 0.0, 0.61),
+    "cube_with_nook": (0.45, 0.45, 0.4),
+    "rock": (0.0, 0.1, 0.63),
+}
 #: Arguments of ``safe-inspect evaluate --cfg`` of each set, the file first.
 RECORDS: dict[str, tuple[str, ...]] = {
     "estimated": (f"{_CONFIGS}/experiment.yml", _TUMBLE),
@@ -53,6 +60,16 @@ RECORDS: dict[str, tuple[str, ...]] = {
         "tumble={functor: RandomTumble, config: {least_rate: 6 deg/s, largest_rate: 10 deg/s}}",
     ),
     "orbit": (f"{_CONFIGS}/experiment-orbit.yml",),
+    "unknown": (f"{_CONFIGS}/experiment-unknown.yml", _TUMBLE),
+    **{
+        f"unknown_{name}": (
+            f"{_CONFIGS}/experiment-unknown.yml",
+            f"target=!include {_CONFIGS}/targets/{name}.yml",
+            f"target.config.mating_point=[{', '.join(f'{component:g} m' for component in point)}]",
+            _TUMBLE,
+        )
+        for name, point in _MARKED.items()
+    },
 }  # fmt: skip
 _HEAD = (
     "missions", "arrived (95 % interval)", "not arrived", "contacts", "outside of the box", "least clearance",
@@ -75,6 +92,7 @@ def row(name: str, found: Evaluation) -> str:
     arrived, interval = team.status == "win", team.success_interval
     error, nees = figures["position error at the mating point"], figures["NEES of the target's attitude and rate"]
     causes = [] if found.causes is None else found.causes[~arrived].tolist()
+    gauge = figures["largest gauge of the tube"]
     outside = np.nanmax(figures["excursion from the keep-in box"])
     cells = (
         f"`{name}`",
@@ -84,7 +102,7 @@ def row(name: str, found: Evaluation) -> str:
         "no" if outside == 0.0 else f"up to {outside:.2g} m",
         f"{100.0 * np.nanmin(figures['least clearance']):.1f} cm",
         f"{1e3 * np.nanmedian(error[arrived]):.2g}, {1e3 * np.nanmax(error[arrived]):.2g} mm" if team.wins else "-",
-        f"{np.nanmax(figures['largest gauge of the tube']):.2f}",
+        f"{np.nanmax(gauge):.2f}" if np.isfinite(gauge).any() else "-",
         f"{np.nanmedian(nees):.1f}, {np.nanmax(nees):.3g}" if np.isfinite(nees).any() else "-",
         f"{(found.record['git_commit'] or 'none')[:8]}, {found.record['date'][:10]}",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Protocol
 
@@ -147,13 +147,15 @@ class PipelineEstimatorRun:
     Args:
         context: Context of the estimator.
         options: The options.
-        first: T_MB of the first frame, shape (4, 4); None if it must be searched.
+        poses: T_MB of the first frames, by their number, shape (4, 4) each; None if they must be searched.
     """
 
-    def __init__(self, context: EstimatorContext, options: PipelineEstimator, first: FloatArray | None = None) -> None:
+    def __init__(
+        self, context: EstimatorContext, options: PipelineEstimator, poses: Mapping[int, FloatArray] | None = None
+    ) -> None:
         self._context, self._options = context, options
         target = context.target if options.known_target else None
-        self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams, first)
+        self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams, poses or {})
         self._front_end = options.front_end(self._seen)
         self.pipeline: EstimationPipeline | None = None
         self._response = ActuatorResponse(context.chaser, context.step)

@@ -37,7 +37,9 @@ _CENTRE = 0.03
 _LARGEST_MISFIT, _AGAIN = 3.0, 30.0
 #: Standard deviation of the attitude above which no map is made [rad], and the longest time without a pose to the map
 #: while frames are registered to it again [s].
-_LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 8.0
+_LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
+#: Ratio of the noise that is assumed for registration to the first map to that of the camera.
+_BLUR = 2.5
 #: Time constant of keeping the distance from what is seen [s].
 _STATION = 100.0
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
@@ -98,11 +100,13 @@ class Station:
         position: Position of the chaser in W [m], shape (3,).
         velocity: Its velocity [m/s], shape (3,).
         centre: Mean of the points of the first frame in W [m], shape (3,); None before it.
+        seen: Time of the last frame with points [s].
     """
 
     def __init__(self, start: BodyState) -> None:
         self.position, self.velocity = start.position, start.velocity
         self.centre: FloatArray | None = None
+        self.seen = 0.0
 
     def advance(self, acceleration: FloatArray, step: float) -> None:
         """Advance by a step [s] with the commanded acceleration in W [m/s^2], shape (3,)."""
@@ -169,7 +173,13 @@ class _MappingEstimatorRun:
         correlation = options.correlation
         odometry = PipelineEstimator(front_end=options.front_end, known_target=False, correlation=correlation)
         back_end = ISAM2BackEnd(model_centre=_CENTRE)
-        self._to_map = PipelineEstimator(front_end=options.model_front_end, back_end=back_end, correlation=correlation)
+        own = options.model_front_end
+        # The first map is blurred by errors of the poses.
+        blurred = {"range_sigma": _BLUR * own.range_sigma, "range_growth": _BLUR * own.range_growth}
+        self._to_map = tuple(
+            PipelineEstimator(front_end=front_end, back_end=back_end, correlation=correlation)
+            for front_end in (own.model_copy(update=blurred), own)
+        )
         self._run = PipelineEstimatorRun(context, odometry)
         noise = (float(options.model_front_end.range_sigma), float(options.model_front_end.range_growth))
         self._surface = SurfaceMap(context.camera, context.T_BC, noise)
@@ -207,7 +217,7 @@ class _MappingEstimatorRun:
         """
         chaser = estimate.chaser._replace(position=station.position, velocity=station.velocity)
         known = self._context.target.principal
-        return unknown_estimate(estimate.time, estimate.updated, chaser, known, estimate.correlation, station.centre)
+        return unknown_estimate(estimate.time, station.seen, chaser, known, estimate.correlation, station.centre)
 
     def _keep(self, readings: Readings, chaser: BodyState) -> Station:
         """Keep readings for the map, and return the chaser's motion relative to what it sees."""
@@ -228,6 +238,7 @@ class _MappingEstimatorRun:
             if len(frame.points):
                 middle = move(self._context.T_BC, frame.points.mean(axis=0, keepdims=True))[0]
                 self._station.correct(-rotate(chaser.orientation, middle), self._context.frame_period)
+                self._station.seen = readings.time
         return self._station
 
     def _make_map(self) -> StateEstimate | None:
@@ -237,14 +248,14 @@ class _MappingEstimatorRun:
             The estimate from the registration to the map; None if it failed.
         """
         run = self._run
-        for _ in range(2):
+        for estimator in self._to_map:
             found = _Found.of(run.pipeline)
             if found is None:
                 return None
             model = self._model_of(found)
-            first = found.poses.get(0)
-            start = None if first is None else pose(first[:3, :3], first[:3, 3] - found.centre)
-            run = PipelineEstimatorRun(replace(self._context, target=model), self._to_map, start)
+            origin = pose(np.eye(3), -found.centre)
+            poses = {number: origin @ T_GB for number, T_GB in found.poses.items()}
+            run = PipelineEstimatorRun(replace(self._context, target=model), estimator, poses)
             estimate = run.replay(self._readings, _LOST)
             if estimate is None:
                 return None

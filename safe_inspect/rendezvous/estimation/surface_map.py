@@ -205,7 +205,7 @@ def _layers(key: IntArray, height: FloatArray, weights: FloatArray, frames: IntA
         end = start
         while end < total and key[end] == key[start]:
             end += 1
-        # The largest layer tells how many points one has that is more than a few flying pixels.
+        # A layer with far fewer points than the largest one consists of flying pixels.
         most, last = 0, start
         for first in range(start, end):
             while last < end and height[first] - height[last] < _LAYER:

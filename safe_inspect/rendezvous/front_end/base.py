@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
@@ -121,14 +122,14 @@ class FrontEndContext:
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target, None if its shape is not known.
         streams: Random streams that only the estimator uses.
-        first: T_MB of the first frame, shape (4, 4); None if it is not known.
+        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each.
     """
 
     camera: DepthCamera
     T_BC: FloatArray
     target: Target | None
     streams: Streams
-    first: FloatArray | None = None
+    poses: Mapping[int, FloatArray] = field(default_factory=dict)
 
 
 class FrontEndRun(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -36,6 +37,8 @@ _TYPICAL_NOISE = 3e-3 + 1.5e-3 * TYPICAL_RANGE**2
 _LARGEST_OFF = (np.deg2rad(25.0), 0.25)
 #: Standard deviations of the prediction of this front end and of that of the back end [rad, m].
 _PREDICTION, _EXPECTATION = (np.deg2rad(2.0), 0.02), (np.deg2rad(0.5), 0.005)
+#: The same of a pose that is known from elsewhere.
+_KNOWN = np.deg2rad(1.0), 0.05
 #: Standard deviations of an unknown angular velocity [rad/s] and velocity [m/s] of the target.
 _UNKNOWN_MOTION = (np.deg2rad(8.0), 0.03)
 #: Number of consecutive frames without a pose after which a hypothesis is dropped; without any left, the shape is
@@ -128,7 +131,7 @@ class ModelFrontEnd(FrontEnd):
         # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
         cleaning = Cleaning(context.camera, edge=np.inf)
         return _ModelFrontEndRun(
-            cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE, context.first
+            cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE, context.poses
         )
 
     @property
@@ -166,7 +169,7 @@ class _ModelFrontEndRun:
         registration: Registers frames.
         T_BC: Pose of the camera in B, shape (4, 4).
         largest_score: Largest score of an accepted registration [m].
-        first: T_MB of the first frame, shape (4, 4); None if it is not known.
+        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each.
     """
 
     def __init__(
@@ -175,10 +178,10 @@ class _ModelFrontEndRun:
         registration: ModelRegistration,
         T_BC: FloatArray,  # noqa: N803
         largest_score: float,
-        first: FloatArray | None,
+        poses: Mapping[int, FloatArray],
     ) -> None:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
-        self._largest_score, self._first = largest_score, first
+        self._largest_score, self._poses = largest_score, poses
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
@@ -197,11 +200,10 @@ class _ModelFrontEndRun:
         cloud = cloud.thinned(_USED_POINTS)
         expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
         was_ambiguous = len(self._hypotheses) > 1
-        if self._hypotheses:
+        if number in self._poses:
+            self._place_known(cloud, frame.time, self._poses[number])
+        elif self._hypotheses:
             self._track(cloud, frame.time, expected if len(self._hypotheses) == 1 else None)
-        elif self._first is not None:
-            found = self._registration(cloud, self._first, np.diag(np.repeat(_PREDICTION, 3) ** -2))
-            self._hypotheses, self._first = [self._hypothesis(found, frame.time)], None
         elif len(cloud) >= _SEARCH_POINTS and frame.time >= self._search_again:
             self._search(cloud, frame.time, expected)
         if not self._hypotheses or self._hypotheses[0].failures:
@@ -289,6 +291,18 @@ class _ModelFrontEndRun:
         matched = [one.found for one in self._hypotheses if not one.failures]
         apart = {id(found) for found in distinct_poses(matched, len(matched))}
         self._hypotheses = [one for one in self._hypotheses if one.failures or id(one.found) in apart]
+
+    def _place_known(self, cloud: Cloud, time: float, start: FloatArray) -> None:
+        """Register a frame from a pose that is known from elsewhere, whatever parts of the shape it does not see."""
+        found = self._registration(cloud, start, np.diag(np.repeat(_KNOWN, 3) ** -2), widening=2.0)
+        if found.inliers < _LEAST_INLIERS:
+            self._fail(self._hypotheses)
+        elif self._hypotheses:
+            (hypothesis,) = self._hypotheses
+            hypothesis.found, hypothesis.failures, hypothesis.score = found, 0, found.score
+            hypothesis.motion.observe(time, found.pose)
+        else:
+            self._hypotheses = [self._hypothesis(found, time)]
 
     def _search(self, cloud: Cloud, time: float, expected: FloatArray | None) -> None:
         """Search for the shape in all attitudes, preferring those close to the back end's prediction, if it is given.

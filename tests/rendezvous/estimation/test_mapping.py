@@ -1,0 +1,156 @@
+"""The map of an unknown target: its surface, the space it may occupy, the operator's mark, and a whole mission."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
+from safe_inspect.rendezvous.estimate import BodyState
+from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station
+from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
+from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
+from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.target.solid import PointSolid
+
+_FILE = "configs/tumbling-rendezvous/experiment-unknown.yml"
+_RADIUS = 0.28
+
+
+def _config(*overrides: str) -> RendezvousConfig:
+    return load_rendezvous(_FILE, overrides).config
+
+
+@pytest.fixture(scope="module")
+def watched() -> list[WatchedFrame]:
+    """Frames of 80 s, in which the default target turns by 400 degrees."""
+    return list(watch(_config(), 0, 80.0))
+
+
+def _mapped(frames: Sequence[WatchedFrame]) -> tuple[SurfaceMap, dict[int, np.ndarray]]:
+    """Return a map of frames with their true poses, so that its frame is M."""
+    from safe_inspect.geometry.pointing import R_BC
+    from safe_inspect.rendezvous.poses import pose
+
+    config = _config()
+    mount = pose(R_BC, np.array(config.chaser.camera_position))
+    found = SurfaceMap(config.sensors.camera.geometry, mount, (3e-3, 1.5e-3))
+    return found, {found.add(one.frame): one.T_MB for one in frames}
+
+
+def _target() -> Target:
+    target: Target = _config().target()
+    return target
+
+
+def test_the_vertices_of_a_map_are_on_the_surface(watched: list[WatchedFrame]) -> None:
+    found, poses = _mapped(watched)
+    mesh, solid = found.mesh(poses), _target().solid
+    distance = solid.distance(mesh.vertices)
+    assert len(mesh.vertices) > 3000
+    assert np.abs(np.median(distance)) < 0.002
+    assert np.quantile(np.abs(distance), 0.95) < 0.01
+    corners = mesh.corners
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outside = corners.mean(axis=1) + 0.02 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    assert (solid.distance(outside) > 0.005).mean() > 0.95  # the triangles look outwards
+
+
+def test_clearances_of_a_map_are_those_of_the_target_or_lower(watched: list[WatchedFrame]) -> None:
+    """Points around the target from which the chaser's sphere does not touch it."""
+    found, poses = _mapped(watched)
+    mesh, true = found.mesh(poses), _target().solid
+    solid = found.solid(poses, mesh, np.eye(4), np.zeros(3))
+    directions = np.random.default_rng(4).normal(size=(400, 3))
+    points = directions / np.linalg.norm(directions, axis=1, keepdims=True) * np.linspace(0.35, 1.3, 400)[:, None]
+    points = points[true.distance(points) > _RADIUS]
+    excess = solid.distance(points) - true.distance(points)
+    assert len(points) > 150
+    assert np.quantile(excess, 0.98) < 0.01
+    assert excess.max() < 0.03
+    assert np.median(excess) > -0.03
+
+
+def test_what_no_frame_has_seen_is_occupied(watched: list[WatchedFrame]) -> None:
+    """From frames of one side the other side is not known to be free; from frames of all sides it is."""
+    seen_once, poses_once = _mapped(watched[:3])
+    found, poses = _mapped(watched)
+    camera = poses_once[0][:3, 3]
+    behind = -0.45 * camera / np.linalg.norm(camera)
+    everywhere = found.solid(poses, found.mesh(poses), np.eye(4), np.zeros(3))
+    one_side = seen_once.solid(poses_once, found.mesh(poses), np.eye(4), np.zeros(3))
+    assert _target().solid.distance(behind[None])[0] > 0.1
+    assert everywhere.distance(behind[None])[0] > 0.05
+    assert one_side.distance(behind[None])[0] < 0.0
+
+
+def test_distances_to_points_and_their_gradients() -> None:
+    solid = PointSolid(((np.zeros((1, 3)), 0.1), (np.array([[1.0, 0.0, 0.0]]), 0.0)))
+    points = np.array([[0.0, 0.5, 0.0], [1.0, 0.0, 0.2]])
+    distances, gradients = solid.distances(points)
+    np.testing.assert_allclose(distances, [[0.4, np.sqrt(1.25)], [np.sqrt(1.04) - 0.1, 0.2]])
+    np.testing.assert_allclose(gradients[0, 0], [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(solid.distance(points), [0.4, 0.2])
+    np.testing.assert_allclose(solid.in_units_of(2.0).distance(0.5 * points), [0.2, 0.1])
+    assert np.linalg.norm(solid.vertices, axis=1).max() == pytest.approx(1.0)
+
+
+def test_a_chaser_that_drifts_is_found_to_drift_and_one_that_is_pushed_moves_at_once() -> None:
+    start = BodyState(np.array([0.0, -1.5, 0.0]), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
+    station = Station(start)
+    station.correct(start.position, 1.0)
+    station.advance(np.array([0.1, 0.0, 0.0]), 0.2)
+    np.testing.assert_allclose(station.position, [0.002, -1.5, 0.0])
+    np.testing.assert_allclose(station.velocity, [0.02, 0.0, 0.0])
+    drift = np.array([0.0, 0.0, 0.002])
+    for second in range(1500):
+        for _ in range(5):
+            station.advance(np.zeros(3), 0.2)
+        station.correct(start.position + (second + 1) * drift, 1.0)
+    np.testing.assert_allclose(station.velocity, drift, atol=2e-4)
+    np.testing.assert_allclose(station.position, start.position + 1500 * drift, atol=0.02)
+
+
+def test_an_operator_marks_the_mating_point_where_a_frame_shows_it() -> None:
+    config = _config()
+    mission = Mission(config, 0)
+    target, marks, shown = _target(), [], []
+    for readings, chaser, body in mission.steps():
+        if readings.time > 60.0:
+            break
+        if readings.frame is None:
+            assert readings.mark is None
+            continue
+        from safe_inspect.missions.truth import pose_in_model
+
+        T_MB = pose_in_model(target, chaser, body)  # noqa: N806
+        point = target.R_MT @ target.mating_point
+        shown.append(readings.mark is not None)
+        if readings.mark is not None:
+            marks.append(T_MB[:3, :3] @ readings.mark + T_MB[:3, 3] - point)
+    assert 0.1 < np.mean(shown) < 0.8
+    assert 0.003 < np.std(marks) < 0.008
+
+
+def test_nothing_of_the_target_is_known_but_a_ball_that_contains_it() -> None:
+    true, known = _target(), MappingEstimator(radius=1.05).known(_target())
+    assert known.swept_radius == pytest.approx(1.05)
+    assert not np.allclose(known.principal / known.principal[2], true.principal / true.principal[2], rtol=0.1)
+    assert np.linalg.norm(known.mating_point) < 0.01
+    far = true.solid.vertices
+    assert (known.solid.distance(far) <= 0.05).all()
+
+
+@pytest.mark.slow
+def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point() -> None:
+    result = Mission(_config(), 0).run()
+    summary, arrays = result.summary, result.log.arrays()
+    assert summary["success"], summary
+    assert summary["least_clearance"] > 0.05
+    assert summary["nees"] is None  # the axes of the map are not those of the true inertia
+    assert summary["largest_gauge"] is None
+    still = arrays["t"] < 150.0
+    assert np.abs(arrays["x"][still, :3] - arrays["x"][0, :3]).max() < 0.25  # it keeps its place while it maps
