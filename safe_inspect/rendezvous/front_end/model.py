@@ -298,7 +298,8 @@ class _ModelFrontEndRun:
         if found.inliers < _LEAST_INLIERS:
             self._fail(self._hypotheses)
         elif self._hypotheses:
-            (hypothesis,) = self._hypotheses
+            self._hypotheses = self._hypotheses[:1]
+            hypothesis = self._hypotheses[0]
             hypothesis.found, hypothesis.failures, hypothesis.score = found, 0, found.score
             hypothesis.motion.observe(time, found.pose)
         else:
