@@ -184,6 +184,10 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
     if distance > reach:
         yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
+    known = config.estimator.known(target)
+    if known is not target and distance < known.swept_radius + config.chaser.radius:
+        message = f"the ball that is known to contain the target reaches the chaser's start, {distance:.3g} m away"
+        yield Problem(message, "estimator.config.radius", hint="lower it, or start farther away")
     front_end = getattr(config.estimator, "front_end", None)
     if isinstance(front_end, ModelFrontEnd):
         measured, assumed = PROFILES[sensors.camera.profile].at(TYPICAL_RANGE), front_end.range_noise

@@ -154,3 +154,24 @@ def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point() -> None:
     assert summary["largest_gauge"] is None
     still = arrays["t"] < 150.0
     assert np.abs(arrays["x"][still, :3] - arrays["x"][0, :3]).max() < 0.25  # it keeps its place while it maps
+
+
+def test_a_ball_that_reaches_the_start_is_warned_of() -> None:
+    from safe_inspect.missions.scenario import check_scenario
+
+    assert not check_scenario(load_rendezvous(_FILE))
+    (problem,) = check_scenario(load_rendezvous(_FILE, ["estimator.config.radius=1.4 m"]))
+    assert problem.path == "estimator.config.radius"
+    assert "start farther away" in problem.hint
+
+
+def test_noise_above_what_the_front_end_assumes_is_warned_of() -> None:
+    from safe_inspect.missions.scenario import check_scenario
+
+    file, noise = "configs/tumbling-rendezvous/experiment.yml", "sensors.camera.profile=harsh"
+    (problem,) = check_scenario(load_rendezvous(file, [noise]))
+    assert problem.path == "sensors.camera.profile"
+    front_end = "estimator.config.front_end.config"
+    assert not check_scenario(
+        load_rendezvous(file, [noise, f"{front_end}.range_sigma=5 mm", f"{front_end}.range_growth=3 mm"])
+    )
