@@ -7,12 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.mission import Mission
+from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
+from safe_inspect.missions.truth import pose_in_model
 from safe_inspect.rendezvous.estimate import BodyState
 from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
+from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
+from safe_inspect.rendezvous.poses import pose
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.solid import PointSolid
 
@@ -32,9 +38,6 @@ def watched() -> list[WatchedFrame]:
 
 def _mapped(frames: Sequence[WatchedFrame]) -> tuple[SurfaceMap, dict[int, np.ndarray]]:
     """Return a map of frames with their true poses, so that its frame is M."""
-    from safe_inspect.geometry.pointing import R_BC
-    from safe_inspect.rendezvous.poses import pose
-
     config = _config()
     mount = pose(R_BC, np.array(config.chaser.camera_position))
     found = SurfaceMap(config.sensors.camera.geometry, mount, (3e-3, 1.5e-3))
@@ -124,8 +127,6 @@ def test_an_operator_marks_the_mating_point_where_a_frame_shows_it() -> None:
         if readings.frame is None:
             assert readings.mark is None
             continue
-        from safe_inspect.missions.truth import pose_in_model
-
         T_MB = pose_in_model(target, chaser, body)  # noqa: N806
         point = target.R_MT @ target.mating_point
         shown.append(readings.mark is not None)
@@ -157,8 +158,6 @@ def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point() -> None:
 
 
 def test_a_ball_that_reaches_the_start_is_warned_of() -> None:
-    from safe_inspect.missions.scenario import check_scenario
-
     assert not check_scenario(load_rendezvous(_FILE))
     (problem,) = check_scenario(load_rendezvous(_FILE, ["estimator.config.radius=1.4 m"]))
     assert problem.path == "estimator.config.radius"
@@ -166,8 +165,6 @@ def test_a_ball_that_reaches_the_start_is_warned_of() -> None:
 
 
 def test_noise_above_what_the_front_end_assumes_is_warned_of() -> None:
-    from safe_inspect.missions.scenario import check_scenario
-
     file, noise = "configs/tumbling-rendezvous/experiment.yml", "sensors.camera.profile=harsh"
     (problem,) = check_scenario(load_rendezvous(file, [noise]))
     assert problem.path == "sensors.camera.profile"
@@ -175,3 +172,16 @@ def test_noise_above_what_the_front_end_assumes_is_warned_of() -> None:
     assert not check_scenario(
         load_rendezvous(file, [noise, f"{front_end}.range_sigma=5 mm", f"{front_end}.range_growth=3 mm"])
     )
+
+
+def test_frames_of_a_noisy_camera_are_registered_if_its_noise_is_known() -> None:
+    config = _config("sensors.camera.profile=harsh", "chaser.position=[0 m, -1.9 m, 0 m]")
+    mount = pose(R_BC, np.array(config.chaser.camera_position))
+    frames = list(watch(config, 0, 8.0))
+    context = FrontEndContext(config.sensors.camera.geometry, mount, config.target(), None, {0: frames[0].T_MB})
+    counts = []
+    for front_end in (ModelFrontEnd(), ModelFrontEnd(range_sigma=0.005, range_growth=0.003)):
+        run = front_end(context)
+        counts.append(sum(bool(run.step(one.frame, None, np.eye(3))) for one in frames))
+    assert counts[1] == len(frames)
+    assert counts[0] < len(frames)
