@@ -37,6 +37,9 @@ _SECOND_ORDER = 10.0
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
 #: Minimum number of poses that a search registers with all points.
 _REFINED = 18
+#: Number of found poses that are displaced along the axes of M, by which fractions of the swept radius, and the decrease
+#: of the score that tells another optimum from the same one [m].
+_DISPLACED, _DISPLACEMENTS, _BETTER = 4, (-0.24, -0.12, 0.12, 0.24), 1e-3
 #: Poses whose attitudes differ by less count as the same [rad].
 _SAME = np.deg2rad(10.0)
 
@@ -71,7 +74,7 @@ class ModelRegistration:
             for side in (_SPACING, _COARSE_SPACING)
         )
         self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
-        self._T_BC, self._camera, self._whole = T_BC, camera, _WHOLE * target.swept_radius
+        self._T_BC, self._camera, self.swept_radius = T_BC, camera, target.swept_radius
 
     def __call__(
         self,
@@ -112,7 +115,8 @@ class ModelRegistration:
         # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
-        turn = _DETAIL_TURN * max(self._whole / max(spread, 1e-3 * self._whole), 1.0) ** _SPREAD_POWER
+        whole = _WHOLE * self.swept_radius
+        turn = _DETAIL_TURN * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
         return replace(found, excess=excess, systematic=systematic)
@@ -161,6 +165,8 @@ def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600,
     For each rotation of a grid, the centroid of the shape's visible points is placed at the centroid of the frame, and
     two steps of the registration are done with few points. The best quarter gets more steps. The best of those are
     registered with all points and up to 25 steps, and so is the very best rotated by half a turn about each axis of M.
+    If a part of the shape is outside of the image, the centroids differ, and a right attitude may end at a wrong
+    position; the best poses are therefore displaced along each axis of M, and registered again where that fits better.
 
     Args:
         registration: Registers frames to the shape.
@@ -183,7 +189,19 @@ def acquire(registration: ModelRegistration, cloud: Cloud, rotations: int = 600,
     # A pose that looks like the true one most often differs by half a turn about one of the axes.
     turned = [pose(turn, np.zeros(3)) @ min(refined, key=by_score).pose for turn in HALF_TURNS[1:]]
     refined += [registration(cloud, one, iterations=25, widening=2.5) for one in turned]
-    return distinct_poses(sorted(refined, key=by_score), kept)
+    found = distinct_poses(sorted(refined, key=by_score), kept)
+    moved = [_displaced(registration, coarse, one) for one in found[:_DISPLACED]]
+    refined = [registration(cloud, one.pose, iterations=25, widening=2.5) for one in moved if one is not None]
+    return distinct_poses(sorted(found + refined, key=by_score), kept)
+
+
+def _displaced(registration: ModelRegistration, cloud: Cloud, found: Registration) -> Registration | None:
+    """Return the best registration from displaced starts; None if it fits no better than the pose itself."""
+    moves = registration.swept_radius * np.eye(3)
+    starts = [pose(np.eye(3), share * move) @ found.pose for move in moves for share in _DISPLACEMENTS]
+    tried = [registration(cloud, start, iterations=4, widening=2.0, coarse=True) for start in (found.pose, *starts)]
+    best = min(tried, key=attrgetter("score"))
+    return best if best.score < registration.linearise(cloud, found.pose, coarse=True)[0].score - _BETTER else None
 
 
 def distinct_poses(ordered: list[Registration], count: int) -> list[Registration]:
