@@ -155,6 +155,8 @@ class MissionConfig(Model):
             The chaser holds its position, or stays on the reference, until then; the plan starts from where it will be.
         wait_limit: Longest wait before an approach [s].
         wait_step: Step between two waits to try [s].
+        attempts: Largest number of times that the chaser starts to observe the target: the first, and again after a
+            retreat, a departure without poses, or plans without an accepted tube.
         plan_attempts: Number of failures to plan after which the chaser retreats.
         bound_attempts: Number of plans refused by their tube after which the target is observed again.
         hold: Time for which the chaser must stay at the mating point [s].
@@ -189,6 +191,7 @@ class MissionConfig(Model):
     planning_time: NonNegativeDuration = 2.0  # type: ignore[valid-type]
     wait_limit: NonNegativeDuration = 60.0  # type: ignore[valid-type]
     wait_step: PositiveDuration = 1.0  # type: ignore[valid-type]
+    attempts: int = Field(default=5, ge=1)
     plan_attempts: int = Field(default=3, ge=1)
     bound_attempts: int = Field(default=6, ge=1)
     hold: PositiveDuration = 5.0  # type: ignore[valid-type]

@@ -13,15 +13,15 @@ from safe_inspect.rendezvous.coordination.context import Phase
 
 _MISSION = {
     "checkout": 2.0, "checkout_limit": 10.0, "observe": 20.0, "observe_limit": 50.0, "attitude_sigma": 0.05,
-    "rate_sigma": 0.002, "plan_attempts": 3, "bound_attempts": 6, "hold": 5.0, "hold_limit": 20.0,
+    "rate_sigma": 0.002, "attempts": 2, "plan_attempts": 3, "bound_attempts": 6, "hold": 5.0, "hold_limit": 20.0,
     "hold_position": 0.03, "camera_silence": 5.0, "imu_silence": 0.2, "retreat_limit": 120.0, "departure_limit": 60.0,
     "time_limit": 900.0, "update_period": 1.0, "length": 2.0, "planning_time": 2.0,
 }  # fmt: skip
 _CONTEXT = {
     "time": 100.0, "elapsed": 5.0, "phase": Phase.TRACK, "camera_time": 100.0, "imu_time": 100.0, "planned_at": 90.0,
-    "plan_failures": 0, "bound_failures": 0, "on_approach": False, "has_observed_again": False, "outside": 0.0,
+    "plan_failures": 0, "bound_failures": 0, "on_approach": False, "attempts": 1, "outside": 0.0,
     "reference_problem": "", "replans": 0, "settled_since": 90.0, "poses": 9,
-    "has_retreated": False, "has_resumed": False, "awaits_poses": True, "push": np.zeros(3),
+    "awaits_poses": True, "push": np.zeros(3),
     "plan": SimpleNamespace(solved=True, t_start=99.0, duration=60.0), "design": SimpleNamespace(accepted=True),
     "clearance": 0.5,
 }  # fmt: skip
@@ -79,8 +79,9 @@ CASES: list[tuple[str, dict[str, Any], bool]] = [
     ("observed_at_most", {"elapsed": 50.0}, True), ("observed_at_most", {"elapsed": 49.9}, False),
     ("characterised", {}, True), ("characterised", {"problem": "unknown"}, False),
     ("characterised", {"angular_velocity": np.array([0.1, np.nan, 0.0])}, False),
-    ("may_observe_again", {}, True), ("may_observe_again", {"has_observed_again": True}, False),
+    ("may_observe_again", {}, True), ("may_observe_again", {"attempts": 2}, False),
     ("may_observe_again", {"on_approach": True}, False),
+    ("may_observe_again", {"time": 900.0}, False),
     ("plan_found", {}, True), ("plan_found", {"plan": None}, False),
     ("plan_found", {"plan": SimpleNamespace(solved=False)}, False), ("plan_found", {"planned_at": 100.1}, False),
     ("plan_found", {"planned_at": 100.0}, True), ("plans_exhausted", {"on_approach": True, "planned_at": 100.1}, False),
@@ -111,11 +112,11 @@ CASES: list[tuple[str, dict[str, Any], bool]] = [
     ("unseen_outside", {"updated": 90.0, "position": _at(_OUTSIDE)}, True),
     ("unseen_outside", {"updated": 90.0, "position": _at(_OUTSIDE - 1e-6)}, False), ("unseen_outside", {}, False),
     ("may_return", {}, True), ("may_return", {"velocity": _FAST}, False),
-    ("may_return", {"has_retreated": True}, False),
+    ("may_return", {"attempts": 2}, False),
     ("may_return", {"time": 900.0, "updated": 900.0}, False), ("may_return", {"silent": frozenset({"imu"})}, False),
     ("retreat_too_long", {"elapsed": 120.0}, True), ("retreat_too_long", {"elapsed": 119.9}, False),
     ("may_resume", {}, True), ("may_resume", {"position": _at(3.1)}, False), ("may_resume", {"poses": 4}, False),
-    ("may_resume", {"awaits_poses": False}, False), ("may_resume", {"has_resumed": True}, False),
+    ("may_resume", {"awaits_poses": False}, False), ("may_resume", {"attempts": 2}, False),
     ("may_resume", {"time": 900.0, "updated": 900.0}, False),
     ("departed", {"elapsed": 60.0}, True), ("departed", {"elapsed": 59.9}, False),
     ("departed", {"awaits_poses": False}, True), ("departed", {"awaits_poses": False, "push": np.full(3, 1e-8)}, False),

@@ -11,7 +11,7 @@ from safe_inspect.dynamics.tide import largest_tide, tidal_acceleration
 from safe_inspect.rendezvous.control.bound import Bound, BoundQuery
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
 from safe_inspect.rendezvous.control.tube import TrackedReference, remaining
-from safe_inspect.rendezvous.coordination.context import Following, MissionContext, Phase, PlanDemands
+from safe_inspect.rendezvous.coordination.context import Following, MissionContext, Phase
 from safe_inspect.rendezvous.coordination.escape import departure_velocity, find_escape, remains_clear
 from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
 from safe_inspect.rendezvous.estimate import StateEstimate
@@ -137,28 +137,11 @@ def nothing(context: MissionContext) -> None:
 
 def start_observing(context: MissionContext) -> None:
     """Hold the chaser's current position and observe the target."""
+    context.attempts, context.cause = context.attempts + 1, ""
     context.hold_point = context.estimate.chaser.position.copy()
     context.plan_failures = context.bound_failures = 0
     context.following, context.on_approach = None, False
-    context.demands = PlanDemands.first(context.config.mission.length)
-
-
-def observe_again(context: MissionContext) -> None:
-    """Observe the target a second time."""
-    context.has_observed_again = True
-    start_observing(context)
-
-
-def return_to_observe(context: MissionContext) -> None:
-    """Observe the target again after a retreat."""
-    context.has_retreated, context.cause = True, ""
-    start_observing(context)
-
-
-def resume_observing(context: MissionContext) -> None:
-    """Observe the target again after a departure."""
-    context.has_resumed, context.cause = True, ""
-    start_observing(context)
+    context.forget_tube()
 
 
 def end_observation_coarse(context: MissionContext) -> None:
@@ -238,6 +221,8 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
         plan = Plan(PlanStatus.REFUSED, plan.t_start, plan.duration, report=replace(plan.report, message=mistake))
     context.plan, context.query = plan, query
     context.plan_failures = 0 if plan.solved else context.plan_failures + 1
+    if not plan.solved and not context.on_approach:
+        context.forget_tube()  # the tube of a newer estimate may be narrower
     report = plan.report
     context.report(
         "plan",

@@ -221,6 +221,7 @@ class MissionContext:
         reference_problem: Which limit the newest reference violates; empty for none.
         has_left_bound: Whether a reference of this approach was outside of its bound without updates.
         demands: The requirements on the next plan.
+        first_margin: Upper limit of the margin before a tube is known [m].
         following: The approach that is flown.
         renewed_at: Time at which the reference was last updated [s].
         escape: The newest escape.
@@ -229,9 +230,7 @@ class MissionContext:
         replans: Number of plans made during the approach.
         outside: Distance of the chaser from the tube at the last step [m].
         on_approach: Whether the chaser has started an approach, so that it cannot wait for another plan.
-        has_observed_again: Whether the target was observed a second time.
-        has_retreated: Whether the chaser has returned from a retreat.
-        has_resumed: Whether the chaser has returned from a departure.
+        attempts: Number of times that the chaser has started to observe the target.
         awaits_poses: Whether the chaser did not see the target when it departed.
         coarse: Whether the observation ended without the required accuracy.
         settled_since: Time since which the chaser is at the mating point [s]; None while it is not.
@@ -267,6 +266,7 @@ class MissionContext:
     reference_problem: str = ""
     has_left_bound: bool = False
     demands: PlanDemands = field(default_factory=PlanDemands)
+    first_margin: float = math.inf
     following: Following | None = None
     renewed_at: float = -math.inf
     escape: Escape | None = None
@@ -275,9 +275,7 @@ class MissionContext:
     replans: int = 0
     outside: float = 0.0
     on_approach: bool = False
-    has_observed_again: bool = False
-    has_retreated: bool = False
-    has_resumed: bool = False
+    attempts: int = 0
     awaits_poses: bool = False
     coarse: bool = False
     settled_since: float | None = None
@@ -307,12 +305,16 @@ class MissionContext:
         return target.position + share * rotate(target.orientation, self.target.landmark)
 
     def use_map(self, target: Target) -> None:
-        """Continue with a mapped target; the first plan must have at most the clearance of its mating point."""
+        """Continue with a mapped target; before a tube is known, plans keep at most its mating point's clearance."""
         self.target, self.hold_point = target, self.estimate.chaser.position.copy()
         point = target.R_MT @ target.mating_point
         spare = float(target.solid.distance(point[None])[0]) - self.limits.radius
-        length = self.config.mission.length
-        self.demands = PlanDemands.first(length, spare - _MAP_ALLOWANCE * length)
+        self.first_margin = spare - _MAP_ALLOWANCE * self.config.mission.length
+        self.forget_tube()
+
+    def forget_tube(self) -> None:
+        """Require of the next plan what is required before a tube is known."""
+        self.demands = PlanDemands.first(self.config.mission.length, self.first_margin)
 
     def clearance(self) -> float:
         """Return the estimated distance from the chaser's sphere to the target's boxes [m]."""

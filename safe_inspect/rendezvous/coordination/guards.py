@@ -99,8 +99,8 @@ def characterised(context: MissionContext) -> bool:
 
 
 def may_observe_again(context: MissionContext) -> bool:
-    """Return whether the target was observed only once, and the chaser has not started an approach."""
-    return not context.has_observed_again and not context.on_approach
+    """Return whether another attempt is left, and the chaser has not started an approach."""
+    return _has_attempts(context) and not context.on_approach
 
 
 def plan_found(context: MissionContext) -> bool:
@@ -184,8 +184,8 @@ def unseen_outside(context: MissionContext) -> bool:
 
 
 def may_return(context: MissionContext) -> bool:
-    """Return whether the chaser has escaped for the first time, sees the target, and has time for another approach."""
-    return escaped(context) and sees_target(context) and not context.has_retreated and not out_of_time(context)
+    """Return whether the chaser has escaped, sees the target, and has an attempt and time for another approach."""
+    return escaped(context) and sees_target(context) and _has_attempts(context)
 
 
 def retreat_too_long(context: MissionContext) -> bool:
@@ -216,8 +216,12 @@ def _planning_has_ended(context: MissionContext) -> bool:
 
 
 def _may_wait(context: MissionContext) -> bool:
-    """Return whether the chaser has departed without seeing the target, for the first time, and has time left."""
-    return context.awaits_poses and not context.has_resumed and not out_of_time(context)
+    """Return whether the chaser has departed without seeing the target, and has an attempt and time left."""
+    return context.awaits_poses and _has_attempts(context)
+
+
+def _has_attempts(context: MissionContext) -> bool:
+    return context.attempts < context.config.mission.attempts and not out_of_time(context)
 
 
 def _camera_is_silent(context: MissionContext) -> bool:

@@ -15,7 +15,7 @@ from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutpu
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference, TrackingLimits
 from safe_inspect.rendezvous.coordination import actions, guards
 from safe_inspect.rendezvous.coordination.actions import renew_reference, tide_of
-from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig, PlanDemands
+from safe_inspect.rendezvous.coordination.context import MissionContext, Phase, PilotConfig
 from safe_inspect.rendezvous.coordination.escape import CommandedMotion
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.estimation.estimators import EstimatorRun
@@ -98,14 +98,14 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(Phase.OBSERVE, guards.observed, actions.nothing, Phase.CHARACTERISE),
     TableRow(Phase.OBSERVE, guards.observed_at_most, actions.end_observation_coarse, Phase.CHARACTERISE),
     TableRow(Phase.CHARACTERISE, guards.characterised, actions.make_plan, Phase.PLAN),
-    TableRow(Phase.CHARACTERISE, guards.may_observe_again, actions.observe_again, Phase.OBSERVE),
+    TableRow(Phase.CHARACTERISE, guards.may_observe_again, actions.start_observing, Phase.OBSERVE),
     TableRow(Phase.CHARACTERISE, guards.always, actions.retreat, Phase.RETREAT),
     TableRow(Phase.PLAN, guards.plan_found, actions.make_tube, Phase.BOUND),
     TableRow(Phase.PLAN, guards.plans_exhausted, actions.retreat, Phase.RETREAT),
     TableRow(Phase.PLAN, guards.estimate_is_new, actions.make_plan, Phase.PLAN),
     TableRow(Phase.BOUND, guards.tube_fits, actions.nothing, Phase.WAIT),
     TableRow(Phase.BOUND, guards.may_bound_again, actions.make_plan_again, Phase.PLAN),
-    TableRow(Phase.BOUND, guards.may_observe_again, actions.observe_again, Phase.OBSERVE),
+    TableRow(Phase.BOUND, guards.may_observe_again, actions.start_observing, Phase.OBSERVE),
     TableRow(Phase.BOUND, guards.always, actions.retreat, Phase.RETREAT),
     TableRow(Phase.WAIT, guards.start_is_planned, actions.start_approach, Phase.TRACK),
     TableRow(Phase.WAIT, guards.start_is_near, actions.make_plan_now, Phase.PLAN),
@@ -114,11 +114,11 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(Phase.TRACK, guards.off_plan, actions.retreat, Phase.RETREAT),
     TableRow(Phase.MP_HOLD, guards.settled, actions.finish, Phase.DONE),
     TableRow(Phase.MP_HOLD, guards.hold_too_long, actions.retreat, Phase.RETREAT),
-    TableRow(Phase.RETREAT, guards.may_return, actions.return_to_observe, Phase.OBSERVE),
+    TableRow(Phase.RETREAT, guards.may_return, actions.start_observing, Phase.OBSERVE),
     TableRow(Phase.RETREAT, guards.escaped, actions.depart, Phase.DEPART),
     TableRow(Phase.RETREAT, guards.unseen_outside, actions.depart, Phase.DEPART),
     TableRow(Phase.RETREAT, guards.retreat_too_long, actions.depart, Phase.DEPART),
-    TableRow(Phase.DEPART, guards.may_resume, actions.resume_observing, Phase.OBSERVE),
+    TableRow(Phase.DEPART, guards.may_resume, actions.start_observing, Phase.OBSERVE),
     TableRow(Phase.DEPART, guards.departed, actions.nothing, Phase.ABORTED),
 )
 
@@ -234,7 +234,7 @@ class Pilot:
             motion=CommandedMotion.of(estimate),
         )
         self.context.hold_point = readings.start.position.copy()
-        self.context.demands = PlanDemands.first(config.mission.length)
+        self.context.forget_tube()
 
     def _sense(self, readings: Readings, estimate: StateEstimate) -> None:
         """Update the context from new readings and their estimate."""
