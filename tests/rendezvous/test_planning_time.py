@@ -14,7 +14,7 @@ from safe_inspect.missions.mission import Mission
 from safe_inspect.rendezvous.control.tracker import LinearFeedback
 from safe_inspect.rendezvous.control.tube import Axis, TrackedReference
 from safe_inspect.rendezvous.coordination.actions import _state_after
-from safe_inspect.rendezvous.coordination.context import Following
+from safe_inspect.rendezvous.coordination.context import Following, Phase, PlanDemands
 from safe_inspect.rendezvous.experiment import load_rendezvous
 
 _TRUTH = configs_root() / "tumbling-rendezvous" / "experiment-truth.yml"
@@ -70,6 +70,32 @@ def test_a_plan_is_flown_when_its_planning_time_is_over(seconds: float) -> None:
     # The last plan is made one planning time before the start, for the start.
     assert plans[-1]["data"]["t_start"] == pytest.approx(plans[-1]["t"] + seconds)
     assert changes["TRACK"] == pytest.approx(plans[-1]["data"]["t_start"])
+
+
+def test_a_margin_that_no_plan_can_keep_is_forgotten() -> None:
+    mission = Mission(load_rendezvous(_TRUTH, _QUICK).config)
+    plans: list[Any] = []
+    for readings, _, _ in mission.steps():
+        if readings.time == 0.0:
+            continue  # the pilot has not acted yet
+        context = mission.pilot.context
+        if context.phase is Phase.OBSERVE:
+            context.demands = PlanDemands(margin=lambda times: np.full(np.shape(times), 2.0))
+        if context.plan is not None and context.plan not in plans:
+            plans.append(context.plan)
+        if len(plans) == 2:
+            break
+    assert [plan.status.value for plan in plans] == ["start infeasible", "solved"]
+
+
+@pytest.mark.parametrize("attempts", [1, 3])
+def test_the_target_is_observed_as_often_as_attempts_allow(attempts: int) -> None:
+    faults = "mission.faults=[{kind: planner, start: 0 s, duration: 900 s}]"
+    config = load_rendezvous(_TRUTH, [*_QUICK, faults, f"mission.attempts={attempts}"]).config
+    result = Mission(config).run()
+    states = [event["data"]["to"] for event in result.log.events if event["event"] == "transition"]
+    assert states.count("OBSERVE") == attempts
+    assert states[-1] == "ABORTED"
 
 
 def test_a_planning_time_between_two_control_steps_is_refused() -> None:

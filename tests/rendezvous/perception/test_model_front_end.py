@@ -71,6 +71,25 @@ def test_a_search_finds_the_pose_without_a_prediction(target: Target, shoot: Sho
         assert [one.score for one in found] == sorted(one.score for one in found)
 
 
+@pytest.mark.parametrize(
+    "place",
+    [
+        (0.501, -2.04, 1.263, 1.046, -0.04, -1.075),
+        (0.554, -0.666, 2.817, 1.367, -0.152, -0.599),
+        (-0.576, -1.913, -0.987, 0.755, -0.01, -1.296),
+    ],
+)
+def test_a_search_finds_a_shape_of_which_a_part_is_out_of_the_image(
+    target: Target, shoot: Shoot, place: tuple[float, ...]
+) -> None:
+    """The centroid of the frame is not that of the shape, and the right attitude alone ends 10 to 13 cm off."""
+    registration, cleaning = ModelFrontEnd().registration(target, CAMERA, T_BC), Cleaning(CAMERA, edge=np.inf)
+    truth = pose(rotation_exp(np.array(place[:3])), np.array(place[3:]))
+    error = difference(truth, acquire(registration, cleaning(shoot(truth), T_BC).thinned(1500))[0].pose)
+    assert np.rad2deg(np.linalg.norm(error[:3])) < 1.0
+    assert np.linalg.norm(error[3:]) < 0.02
+
+
 def test_a_shape_that_would_hide_what_is_seen_does_not_fit(target: Target, shoot: Shoot) -> None:
     """From above the bus, Envisat and its half turn differ in a plate alone, which the camera would not see through."""
     registration, half = (
