@@ -14,7 +14,6 @@ from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
-from safe_inspect.rendezvous.depth_camera import PROFILES
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
 from safe_inspect.rendezvous.front_end.model import TYPICAL_RANGE
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial
@@ -190,11 +189,13 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         yield Problem(message, "estimator.config.radius", hint="lower it, or start farther away")
     front_end = getattr(config.estimator, "front_end", None)
     if isinstance(front_end, ModelFrontEnd):
-        measured, assumed = PROFILES[sensors.camera.profile].at(TYPICAL_RANGE), front_end.range_noise
+        length = mission.length
+        measured, assumed = sensors.camera.noise.at(TYPICAL_RANGE * length), front_end.range_noise * length
         if measured > _MOST_NOISE * assumed:
             found, believed = (f"{1e3 * sigma:.3g} mm" for sigma in (measured, assumed))
-            message = f"ranges of 1.5 m scatter by {found}, and the front end assumes {believed}"
-            hint = "set range_sigma and range_growth of the front end"
+            typical = f"{TYPICAL_RANGE * length:g} m"
+            message = f"ranges of {typical} scatter by {found}, and the front end assumes {believed}"
+            hint = "set range_sigma and range_growth of the front end" + ("" if length == 1.0 else ", or camera.scale")
             yield Problem(message, "sensors.camera.profile", hint=hint)
     frame_ticks = round(sensors.frame_period / mission.tick)
     lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick

@@ -287,6 +287,7 @@ def estimator_context(config: RendezvousConfig, target: Target, streams: Streams
         imu=sensors.imu,
         imu_period=sensors.imu_ticks * mission.tick,
         streams=own,
+        length=mission.length,
     )
 
 

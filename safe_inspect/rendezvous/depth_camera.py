@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -20,8 +20,6 @@ from safe_inspect.units import PositiveLength
 _WORDS_PER_INDEX = 8192
 #: Range above which a ray hits nothing [m]; the ray caster returns such a range.
 _FAR = 1e30
-#: Difference of depth between neighbouring pixels above which they are at an edge [m].
-_EDGE = 0.05
 #: Number of points below which a frame is flagged.
 _FEW_POINTS = 50
 
@@ -37,6 +35,7 @@ class NoiseProfile:
         grazing: Cosine of the angle of incidence below which a pixel measures nothing.
         flying: Probability that a pixel at an edge of the depth image is a flying pixel.
         flying_range: Largest displacement of a flying pixel along its ray [m].
+        edge: Difference of depth between neighbouring pixels above which they are at an edge [m].
     """
 
     sigma0: float
@@ -45,10 +44,16 @@ class NoiseProfile:
     grazing: float = 0.12
     flying: float = 0.5
     flying_range: float = 0.08
+    edge: float = 0.05
 
     def at(self, distance: float) -> float:
         """Return the standard deviation of a range [m] at perpendicular incidence."""
         return self.sigma0 + self.k * distance**2
+
+    def scaled(self, scale: float) -> NoiseProfile:
+        """Return the profile whose errors are `scale` times as large at `scale` times the range."""
+        lengths = {name: scale * getattr(self, name) for name in ("sigma0", "flying_range", "edge")}
+        return replace(self, k=self.k / scale, **lengths)
 
 
 #: Profiles by name: `ideal` has no errors; the others are measured cameras, from the best to the worst.
@@ -102,6 +107,10 @@ class DepthCamera:
         rays = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=2)
         return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
 
+    def in_units_of(self, length: float) -> DepthCamera:
+        """Return the camera with all lengths divided by a length [m]."""
+        return replace(self, least_range=self.least_range / length, largest_range=self.largest_range / length)
+
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
@@ -121,6 +130,10 @@ class DepthFrame:
     valid: BoolArray
     flags: tuple[str, ...]
 
+    def in_units_of(self, length: float) -> Self:
+        """Return the frame with all lengths divided by a length [m]."""
+        return replace(self, depth=self.depth / length, points=self.points / length)
+
 
 class TimeOfFlightCamera(Plugin):
     """A time-of-flight camera of 224 x 171 pixels with noise, dropouts and flying pixels.
@@ -132,6 +145,7 @@ class TimeOfFlightCamera(Plugin):
         focal_length: Focal length [px].
         least_range: Smallest measured range [m].
         largest_range: Largest measured range [m].
+        scale: Factor for a larger scenario: at `scale` times the range, errors are `scale` times those of the profile.
     """
 
     profile: Literal["ideal", "clean", "nominal", "harsh"] = "nominal"
@@ -140,15 +154,21 @@ class TimeOfFlightCamera(Plugin):
     focal_length: float = Field(default=186.4, gt=0.0)
     least_range: PositiveLength = 0.2  # type: ignore[valid-type]
     largest_range: PositiveLength = 4.0  # type: ignore[valid-type]
+    scale: float = Field(default=1.0, gt=0.0)
 
     @property
     def geometry(self) -> DepthCamera:
         """The camera's geometry."""
         return DepthCamera(self.width, self.height, self.focal_length, self.least_range, self.largest_range)
 
+    @property
+    def noise(self) -> NoiseProfile:
+        """The camera's errors."""
+        return PROFILES[self.profile].scaled(self.scale)
+
     def __call__(self, target: Target) -> DepthRenderer:
         """Return a renderer of depth frames of a target."""
-        return DepthRenderer(self.geometry, target.mesh, PROFILES[self.profile])
+        return DepthRenderer(self.geometry, target.mesh, self.noise)
 
 
 def no_frame(time: float) -> DepthFrame:
@@ -184,7 +204,7 @@ class DepthRenderer:
         shape = (camera.height, camera.width)
         distance, cosine, inside = self._cast(rotation, translation)
         seen = np.isfinite(distance) & (cosine >= profile.grazing)
-        edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), _EDGE)
+        edges = _edges(np.where(seen, distance * camera.directions[..., 2], np.inf), profile.edge)
         safe = np.where(seen, distance, 0.0)
         sigma = profile.sigma0 + profile.k * safe**2 / np.maximum(cosine, 0.15)
         measured = safe + sigma * _fill(streams.normal, "camera.noise", shape, frame)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -32,6 +32,11 @@ class EstimateErrors:
     position: float = 0.0
     velocity: float = 0.0
 
+    def in_units_of(self, length: float) -> Self:
+        """Return the errors with all lengths divided by a length [m]."""
+        names = ("centre", "position", "velocity")
+        return replace(self, **{name: getattr(self, name) / length for name in names})
+
 
 @dataclass(frozen=True)
 class JointErrors(EstimateErrors):
@@ -44,6 +49,11 @@ class JointErrors(EstimateErrors):
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
+
+    def in_units_of(self, length: float) -> JointErrors:
+        """Return the errors with all lengths divided by a length [m]."""
+        factors = np.repeat([1.0, 1.0 / length], [8, 6])
+        return replace(super().in_units_of(length), joint=self.joint * np.outer(factors, factors))
 
 
 #: Errors of the estimate of a target whose motion is not known yet [rad, rad/s, m].
@@ -64,6 +74,10 @@ class BodyState(NamedTuple):
     velocity: FloatArray
     orientation: FloatArray
     angular_velocity: FloatArray
+
+    def in_units_of(self, length: float) -> BodyState:
+        """Return the state with all lengths divided by a length [m]."""
+        return self._replace(position=self.position / length, velocity=self.velocity / length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +112,17 @@ class StateEstimate:
     alarm: str = ""
     mismatch: float = 0.0
     mapped: Target | None = None
+
+    def in_units_of(self, length: float) -> StateEstimate:
+        """Return the estimate with all lengths divided by a length [m]."""
+        return replace(
+            self,
+            chaser=self.chaser.in_units_of(length),
+            target=self.target.in_units_of(length),
+            errors=self.errors.in_units_of(length),
+            mismatch=self.mismatch / length,
+            mapped=None if self.mapped is None else self.mapped.in_units_of(length),
+        )
 
     @property
     def translation(self) -> FloatArray:

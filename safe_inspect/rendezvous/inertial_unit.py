@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,11 @@ class ImuNoise:
     rate_bias: float = 5e-5
     acceleration_walk: float = 1e-5
     rate_walk: float = 1e-6
+
+    def in_units_of(self, length: float) -> ImuNoise:
+        """Return the errors with all lengths divided by a length [m]."""
+        names = ("acceleration", "acceleration_bias", "acceleration_walk")
+        return replace(self, **{name: getattr(self, name) / length for name in names})
 
 
 def checked_noise(noise: ImuNoise) -> ImuNoise:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -73,6 +73,10 @@ class PoseFrame(DepthFrame):
 
     number: int
     poses: tuple[Edge, ...]
+
+    def in_units_of(self, length: float) -> PoseFrame:
+        """Return the frame with all lengths divided by a length [m]."""
+        return replace(self, poses=tuple(edge.in_units_of(length) for edge in self.poses))
 
 
 class PoseSensorRun:

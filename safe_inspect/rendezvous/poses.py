@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -109,3 +109,9 @@ class Edge:
     covariance: FloatArray
     inliers: float
     kind: Literal["odometry", "skip", "loop", "relocalised", "model"] = "odometry"
+
+    def in_units_of(self, length: float) -> Edge:
+        """Return the pose with all lengths divided by a length [m]."""
+        factors = np.repeat([1.0, 1.0 / length], 3)
+        moved = pose(self.pose[:3, :3], self.pose[:3, 3] / length)
+        return replace(self, pose=moved, covariance=self.covariance * np.outer(factors, factors))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from safe_inspect.rendezvous.depth_camera import DepthFrame
@@ -52,3 +52,14 @@ class Readings:
     state: StateReading | None = None
     mark: FloatArray | None = None
     silent: frozenset[str] = frozenset()
+
+    def in_units_of(self, length: float) -> Readings:
+        """Return what is read of chaser, frame, inertial unit and mark with all lengths divided by a length [m]."""
+        return replace(
+            self,
+            start=None if self.start is None else self.start.in_units_of(length),
+            frame=None if self.frame is None else self.frame.in_units_of(length),
+            samples=tuple(sample._replace(acceleration=sample.acceleration / length) for sample in self.samples),
+            command=None if self.command is None else self.command._replace(force=self.command.force / length),
+            mark=None if self.mark is None else self.mark / length,
+        )

@@ -71,15 +71,16 @@ class FlownRow(_Model):
 
 
 class PublishedRow(_Model):
-    """Figures that others have published for their own episodes; None if a figure is unknown.
+    """Figures that come from elsewhere: published ones, or those of another program; None if a figure is unknown.
 
     Attributes:
         name: Name in the table.
-        reference: Where they are published.
+        reference: Where they come from.
         note: How their episodes differ from the board's.
         success: Share of the episodes that were won [-].
         points: Inspected points.
         delta_v: Velocity change of a deputy [m/s].
+        time: Time to the end of an episode [s].
     """
 
     name: str = Field(min_length=1)
@@ -88,6 +89,7 @@ class PublishedRow(_Model):
     success: float | None = Field(default=None, ge=0.0, le=1.0)
     points: float | None = Field(default=None, ge=0.0)
     delta_v: float | None = Field(default=None, ge=0.0)
+    time: float | None = Field(default=None, ge=0.0)
 
 
 class Board(_Model):
@@ -220,7 +222,8 @@ class Standing:
     def of_published(cls, row: PublishedRow) -> Standing:
         """Return the standing of published figures."""
         name = f"*{_plain(row.name)}* ({_plain(row.reference)}{f'; {_plain(row.note)}' if row.note else ''})"
-        return cls(name, {"success": row.success, "points": row.points, "delta-v [m/s]": row.delta_v})
+        known = (row.success, row.points, row.delta_v, row.time)
+        return cls(name, dict(zip(_COLUMNS, known, strict=False)))
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -250,7 +253,7 @@ def leaderboard_page(leaderboard: Leaderboard, standings: Sequence[Sequence[Stan
     lines = [
         "# Leaderboard\n",
         f"All rows are evaluated on the same {leaderboard.episodes:,} episodes of seed {leaderboard.seed}; rows in "
-        "italics are published figures of other episodes.\n",
+        "italics are figures from elsewhere.\n",
         f"    {command}\n",
         *_LEGEND,
     ]

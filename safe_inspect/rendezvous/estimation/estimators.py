@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Protocol
 
@@ -56,6 +56,7 @@ class EstimatorContext:
         imu: Errors of the inertial unit.
         imu_period: Time between two of its samples [s].
         streams: Random streams that only the estimator uses.
+        length: Length of the scenario [m].
     """
 
     target: Target
@@ -67,6 +68,21 @@ class EstimatorContext:
     imu: ImuNoise
     imu_period: float
     streams: Streams
+    length: float = 1.0
+
+    def in_units_of(self, length: float) -> EstimatorContext:
+        """Return the context with all lengths divided by a length [m]; those of torque and inertia cancel."""
+        chaser, actuator = self.chaser, self.chaser.actuator
+        noise = {"force_noise": actuator.force_noise / length}
+        return replace(
+            self,
+            target=self.target.in_units_of(length),
+            chaser=chaser.model_copy(update={"actuator": actuator.model_copy(update=noise)}),
+            camera=self.camera.in_units_of(length),
+            T_BC=pose(self.T_BC[:3, :3], self.T_BC[:3, 3] / length),
+            imu=self.imu.in_units_of(length),
+            length=self.length / length,
+        )
 
 
 class EstimatorRun(Protocol):
@@ -97,6 +113,30 @@ class StateEstimator(Plugin):
     def known(self, target: Target) -> Target:
         """Return what estimator and pilot know of a target before the mission: by default everything."""
         return target
+
+
+class ScaledRun:
+    """Estimator of one mission that computes in units of the scenario's length.
+
+    Distances, tolerances and errors that suit a scenario of 1 m then suit one of any size.
+
+    Args:
+        run: The estimator, whose context has lengths in these units.
+        length: Length of the scenario [m].
+    """
+
+    def __init__(self, run: EstimatorRun, length: float) -> None:
+        self._run, self._length = run, length
+
+    @classmethod
+    def of(cls, start: Callable[[EstimatorContext], EstimatorRun], context: EstimatorContext) -> EstimatorRun:
+        """Return the estimator of a mission that `start` returns for a context, in units of the scenario's length."""
+        length = context.length
+        return start(context) if length == 1.0 else cls(start(context.in_units_of(length)), length)
+
+    def update(self, readings: Readings) -> StateEstimate:
+        """Return the newest estimate; see `EstimatorRun`."""
+        return self._run.update(readings.in_units_of(self._length)).in_units_of(1.0 / self._length)
 
 
 class _MeasuredStateRun:
@@ -270,6 +310,8 @@ def _errors(found: TargetEstimate, graph: GraphEstimate, time: float, turned: Fl
 class PipelineEstimator(StateEstimator):
     """Estimator from depth frames and an inertial unit, with a factor graph and a fit of the target's motion.
 
+    It computes in units of ``mission.length``; lengths in its options are fractions of it.
+
     Attributes:
         front_end: Computes relative poses from frames.
         back_end: Estimates states from relative poses and inertial samples.
@@ -292,6 +334,6 @@ class PipelineEstimator(StateEstimator):
         """The kinds of measurements that the estimator reads."""
         return (self.front_end.reads, "inertial")
 
-    def __call__(self, context: EstimatorContext) -> PipelineEstimatorRun:
+    def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
-        return PipelineEstimatorRun(context, self)
+        return ScaledRun.of(lambda scaled: PipelineEstimatorRun(scaled, self), context)

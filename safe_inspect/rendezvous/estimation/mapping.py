@@ -14,8 +14,10 @@ from safe_inspect.rendezvous.depth_camera import no_frame
 from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import (
     EstimatorContext,
+    EstimatorRun,
     PipelineEstimator,
     PipelineEstimatorRun,
+    ScaledRun,
     StateEstimator,
 )
 from safe_inspect.rendezvous.estimation.graph import ISAM2BackEnd
@@ -83,9 +85,9 @@ class MappingEstimator(StateEstimator):
         surface = TriangleMesh(np.asarray(ball.vertices, np.float64), np.asarray(ball.faces, np.int64))
         return Target(MeshSolid([ball]), surface, np.eye(3), np.array([0.0, 0.0, _UNMARKED]))
 
-    def __call__(self, context: EstimatorContext) -> _MappingEstimatorRun:
+    def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
-        return _MappingEstimatorRun(context, self)
+        return ScaledRun.of(lambda scaled: _MappingEstimatorRun(scaled, self), context)
 
 
 class Station:

@@ -46,6 +46,10 @@ class TriangleMesh:
         """The corners of each triangle [m], shape (F, 3, 3)."""
         return np.asarray(self.vertices[self.faces])
 
+    def in_units_of(self, length: float) -> TriangleMesh:
+        """Return the surface with all lengths divided by a length [m]."""
+        return TriangleMesh(self.vertices / length, self.faces)
+
 
 class Solid(Protocol):
     """What clearances are measured from: `OrientedBoxes`, or the bodies of a mesh."""
@@ -112,6 +116,12 @@ class Target:
         """The vertex nearest to the mating point, in T [m], shape (3,)."""
         corners = self.solid.vertices @ self.R_MT
         return np.asarray(corners[np.linalg.norm(corners - self.mating_point, axis=1).argmin()])
+
+    def in_units_of(self, length: float) -> Target:
+        """Return the target with all lengths divided by a length [m]; its inertia changes by a common factor."""
+        solid, mesh = self.solid.in_units_of(length), self.mesh.in_units_of(length)
+        model = None if self.model is None else self.model.in_units_of(length)
+        return Target(solid, mesh, self.inertia, self.mating_point / length, model)
 
 
 class TargetModel(Plugin):
