@@ -60,6 +60,10 @@ RECORDS: dict[str, tuple[str, ...]] = {
         "tumble={functor: RandomTumble, config: {least_rate: 6 deg/s, largest_rate: 10 deg/s}}",
     ),
     "orbit": (f"{_CONFIGS}/experiment-orbit.yml",),
+    "orbit_estimated": (
+        f"{_CONFIGS}/experiment-orbit-estimated.yml",
+        "tumble={functor: RandomTumble, config: {least_rate: 1 deg/s, largest_rate: 3 deg/s}}",
+    ),
     "unknown": (f"{_CONFIGS}/experiment-unknown.yml", _TUMBLE),
     **{
         f"unknown_{name}": (
