@@ -46,14 +46,18 @@ class JointErrors(EstimateErrors):
         joint: Covariance of the logits of the inertia ratios (2), attitude a (3) and rate r (3) in T, and of the centre
             of mass (3) and the chaser's velocity (3) in W, both relative to the other body, shape (14, 14). The
             attitude is ``q Exp(a)`` and the rate ``Exp(-a) w + r``: r is the error in axes that a does not rotate.
+        offset: Covariance of the true centre of mass relative to the point that is taken for it, in T [m^2], shape
+            (3, 3). The point rotates about the true centre, and its position is known as well as `joint` says.
     """
 
     joint: FloatArray = field(default_factory=lambda: np.zeros((14, 14)), compare=False)
+    offset: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), compare=False)
 
     def in_units_of(self, length: float) -> JointErrors:
         """Return the errors with all lengths divided by a length [m]."""
         factors = np.repeat([1.0, 1.0 / length], [8, 6])
-        return replace(super().in_units_of(length), joint=self.joint * np.outer(factors, factors))
+        joint, offset = self.joint * np.outer(factors, factors), self.offset / length**2
+        return replace(super().in_units_of(length), joint=joint, offset=offset)
 
 
 #: Errors of the estimate of a target whose motion is not known yet [rad, rad/s, m].

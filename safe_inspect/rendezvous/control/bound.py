@@ -90,7 +90,7 @@ class ErrorSamples:
 
 
 class _Draws(NamedTuple):
-    """Sampled errors of n trials with E estimates each, shape (n, E, 3); those of the logits have shape (n, 2)."""
+    """Sampled errors of n trials with E estimates each, shape (n, E, 3); the last two have shape (n, 2) and (n, 3)."""
 
     attitude: FloatArray
     rate: FloatArray
@@ -98,6 +98,7 @@ class _Draws(NamedTuple):
     position: FloatArray
     velocity: FloatArray
     inertia: FloatArray
+    offset: FloatArray
 
 
 def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
@@ -106,7 +107,8 @@ def sample_errors(query: BoundQuery, streams: Streams) -> ErrorSamples:
     At each update the target's state on the plan is disturbed, ``R Exp(attitude error)``, ``w + rate error``, and
     propagated without torque until the next update is in use. The errors of successive updates form
     an AR(1) sequence, ``e_{j+1} = rho e_j + sqrt(1 - rho^2) e``. Without updates, the first estimate is propagated to
-    the end. The error of the inertia is constant during a trial.
+    the end. Errors of the inertia are constant during a trial, and so is the offset of the centre of mass, about which
+    the point that is taken for it rotates from one update to the next.
 
     Args:
         query: The plan, and the errors and updates of the estimates.
@@ -140,9 +142,16 @@ def _windows(query: BoundQuery, draws: _Draws, period: int, length: int) -> tupl
     k = np.minimum(start[:, None] + np.arange(length), len(plan.times) - 1)
     path = Path(plan.position_target[k], plan.velocity_target[k], plan.acceleration_target[k])
     shape = (rows, estimates, length)
-    motion = inertia.reshape(rows, estimates, 1, 3), q.reshape(*shape, 4), w.reshape(*shape, 3)
-    reference = to_inertial(*motion, path, (draws.centre - draws.position)[:, :, None])
+    inertia, q, w = inertia.reshape(rows, estimates, 1, 3), q.reshape(*shape, 4), w.reshape(*shape, 3)
+    reference = to_inertial(inertia, q, w, path, (draws.centre - draws.position)[:, :, None])
     position, velocity, acceleration = (value[:-1] - value[-1] for value in reference)
+    if draws.offset.any():
+        # The point that is taken for the centre rotates about the true one from the estimate on.
+        still = np.zeros_like(draws.offset[:-1, None, None])
+        about = Path(draws.offset[:-1, None, None], still, still)
+        moved = to_inertial(inertia[-1], q[-1], w[-1], about)
+        position = position + moved.position - moved.position[:, :, :1]
+        velocity, acceleration = velocity + moved.velocity, acceleration + moved.acceleration
     return position, velocity - draws.velocity[:-1, :, None], query.mass * acceleration
 
 
@@ -162,10 +171,14 @@ def _draw(errors: EstimateErrors, correlation: float, estimates: int, streams: S
         logits = np.repeat(streams.normal("bound.inertia", 2)[:, None], estimates, axis=1)
         drawn = np.concatenate((logits, sequence("joint", 1.0, 12)), axis=2) @ root.T
         zero = np.zeros_like(drawn[..., :3])
-        return _Draws(drawn[..., 2:5], drawn[..., 5:8], drawn[..., 8:11], zero, drawn[..., 11:14], drawn[:, 0, :2])
+        offset = zero[:, 0]
+        if errors.offset.any():
+            offset = streams.normal("bound.offset", 3) @ np.linalg.cholesky(errors.offset + _FLOOR[0] * np.eye(3)).T
+        vectors = (drawn[..., 2:5], drawn[..., 5:8], drawn[..., 8:11], zero, drawn[..., 11:14])
+        return _Draws(*vectors, inertia=drawn[:, 0, :2], offset=offset)
     inertia = errors.inertia * streams.normal("bound.inertia", 2) if errors.inertia else np.zeros((len(streams), 2))
-    own = {name: sequence(name, getattr(errors, name)) for name in _Draws._fields if name != "inertia"}
-    return _Draws(**own, inertia=inertia)
+    own = {name: sequence(name, getattr(errors, name)) for name in _Draws._fields[:-2]}
+    return _Draws(**own, inertia=inertia, offset=np.zeros((len(streams), 3)))
 
 
 def _inertia(inertia: FloatArray, logits: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.dynamics.quaternion import rotate, to_matrix
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rendezvous.depth_camera import no_frame
-from safe_inspect.rendezvous.estimate import BodyState, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimate import BodyState, JointErrors, StateEstimate, unknown_estimate
 from safe_inspect.rendezvous.estimation.estimators import (
     EstimatorContext,
     EstimatorRun,
@@ -26,7 +26,7 @@ from safe_inspect.rendezvous.estimation.states import TargetEstimate, largest_si
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
 from safe_inspect.rendezvous.libraries import require
-from safe_inspect.rendezvous.poses import inverse, move, pose
+from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move, pose, skew
 from safe_inspect.rendezvous.readings import Reading, Readings
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.rendezvous.target.solid import MeshSolid, PointSolid
@@ -40,8 +40,8 @@ _LARGEST_MISFIT, _AGAIN = 3.0, 30.0
 #: Standard deviation of the attitude above which no map is made [rad], and the longest time without a pose to the map
 #: while frames are registered to it again [s].
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
-#: Ratio of the noise that is assumed for registration to the first map to that of the camera.
-_BLUR = 2.5
+#: Ratios of the noise that is assumed for registration to the first and to the second map to that of the camera.
+_BLUR = (2.5, 1.5)
 #: Time constant of keeping the distance from what is seen [s].
 _STATION = 100.0
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
@@ -176,11 +176,11 @@ class _MappingEstimatorRun:
         odometry = PipelineEstimator(front_end=options.front_end, known_target=False, correlation=correlation)
         back_end = ISAM2BackEnd(model_centre=_CENTRE)
         own = options.model_front_end
-        # The first map is blurred by errors of the poses.
-        blurred = {"range_sigma": _BLUR * own.range_sigma, "range_growth": _BLUR * own.range_growth}
+        # Errors of the poses blur a map.
+        blurred = ({"range_sigma": f * own.range_sigma, "range_growth": f * own.range_growth} for f in _BLUR)
         self._to_map = tuple(
-            PipelineEstimator(front_end=front_end, back_end=back_end, correlation=correlation)
-            for front_end in (own.model_copy(update=blurred), own)
+            PipelineEstimator(front_end=own.model_copy(update=update), back_end=back_end, correlation=correlation)
+            for update in blurred
         )
         self._run = PipelineEstimatorRun(context, odometry)
         noise = (float(options.model_front_end.range_sigma), float(options.model_front_end.range_growth))
@@ -191,6 +191,7 @@ class _MappingEstimatorRun:
         #: Times of the next attempt to make a map, and of the end of its computation [s].
         self._due, self._ready = options.duration, np.inf
         self._mapped: _Mapped | None = None
+        self._newest: Edge | None = None
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
@@ -288,10 +289,47 @@ class _MappingEstimatorRun:
         return Target(PointSolid(((mesh.vertices, 0.0),)), mesh, 0.5 * (inertia + inertia.T), known.mating_point)
 
     def _about_origin(self, estimate: StateEstimate, mapped: _Mapped) -> StateEstimate:
-        """Return an estimate of the position of the point of the map that was the centre of mass when it was made."""
-        pipeline, target = self._run.pipeline, estimate.target
+        """Return an estimate of the position of the point of the map that was the centre of mass when it was made.
+
+        Frames show this point much more accurately than the centre of mass, about which it rotates.
+        """
+        pipeline, target, errors = self._run.pipeline, estimate.target, estimate.errors
         if pipeline is not None and pipeline.graph is not None and pipeline.graph.model is not None:
-            centre = move(inverse(pipeline.graph.model), pipeline.graph.centre_glued[None])[0]
-            offset = rotate(target.orientation, mapped.target.R_MT.T @ (mapped.origin - centre))
-            target = target._replace(position=target.position + offset)
-        return replace(estimate, target=target, mapped=mapped.target)
+            graph = pipeline.graph
+            centre = move(inverse(pipeline.graph.model), graph.centre_glued[None])[0]
+            offset = mapped.target.R_MT.T @ (centre - mapped.origin)
+            target = target._replace(position=target.position - rotate(target.orientation, offset))
+            seen = [edge for edge in pipeline.measured if edge.first == MODEL]
+            self._newest = seen[-1] if seen else self._newest
+            if isinstance(errors, JointErrors) and self._newest is not None:
+                errors = _with_offset(
+                    errors, self._newest, mapped.origin, graph.chaser[:3, :3], target.orientation, offset
+                )
+        return replace(estimate, target=target, errors=errors, mapped=mapped.target)
+
+
+def _with_offset(
+    errors: JointErrors,
+    seen: Edge,
+    origin: FloatArray,
+    R_WB: FloatArray,  # noqa: N803
+    q_WT: FloatArray,  # noqa: N803
+    offset: FloatArray,
+) -> JointErrors:
+    """Return errors whose centre is a point of the map, and whose offset is the error of the centre of mass.
+
+    Args:
+        errors: Errors of the estimated centre of mass.
+        seen: Pose of the newest frame relative to the map.
+        origin: The point in M [m], shape (3,).
+        R_WB: Attitude of the chaser, shape (3, 3).
+        q_WT: Attitude of the target, shape (4,).
+        offset: Estimated position of the centre of mass relative to the point, in T [m], shape (3,).
+    """
+    by_pose = np.hstack([skew(move(inverse(seen.pose), origin[None])[0]), -np.eye(3)])
+    centre = R_WB @ by_pose @ seen.covariance @ by_pose.T @ R_WB.T
+    R_TW = to_matrix(q_WT).T  # noqa: N806
+    joint, mass = errors.joint.copy(), errors.joint[8:11, 8:11]
+    joint[8:11, 8:11] = centre
+    spread = R_TW @ mass @ R_TW.T + np.outer(offset, offset)
+    return replace(errors, centre=largest_sigma(centre), joint=joint, offset=spread)

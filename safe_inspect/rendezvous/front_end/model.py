@@ -318,7 +318,8 @@ class _ModelFrontEndRun:
             self._search_again = time + _SEARCH_PERIOD - 1e-9
             return
         if expected is not None:
-            near = [one for one in fitting if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
+            fits = (one for one in found if one.score <= self._largest_score)
+            near = [one for one in fits if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
             fitting = near or fitting
         self._hypotheses = [self._hypothesis(one, time) for one in fitting]
 
