@@ -212,7 +212,9 @@ def covariance_at(known: TargetEstimate, time: float, turned: FloatArray | None 
     return np.asarray(transition @ both @ transition.T)
 
 
-def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, sigma: float) -> bool:
+def departs(
+    known: TargetEstimate, times: FloatArray, orientation: FloatArray, sigma: float, tolerance: float = 1.0
+) -> bool:
     """Return whether measured attitudes deviate from a motion.
 
     A line ``e(t) = a + b (t - t_mean)`` is fitted to the errors ``e = Log(q_predicted^-1 q_measured)``: a is an error
@@ -227,6 +229,7 @@ def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, s
         sigma: Stated standard deviation of their errors about each axis [rad]. It is multiplied by the misfit of all
             edges or of the newest, whichever is larger, because close to the target details that the model lacks
             rotate a few views.
+        tolerance: Factor of the deviations that count; infinite for none.
     """
     sigma = sigma * max(known.misfit, known.recent_misfit, 1.0)
     if len(times) < OFF_FRAMES:
@@ -237,10 +240,11 @@ def departs(known: TargetEstimate, times: FloatArray, orientation: FloatArray, s
     covariance = covariance_at(known, float(times[-1]))
     of_attitude = covariance[:3, :3] + sigma**2 * np.eye(3)
     of_rate = covariance[3:6, 3:6] + (2.0 * sigma / float(times[-1] - times[0])) ** 2 * np.eye(3)
-    if any(_size(one, of_attitude) < _OFF_SIGMAS for one in error[-OFF_FRAMES:]):
+    off, sigmas, angle, change = (tolerance * limit for limit in (_OFF_SIGMAS, _SIGMAS, _LEAST_ANGLE, _LEAST_RATE))
+    if any(_size(one, of_attitude) < off for one in error[-OFF_FRAMES:]):
         return False
-    is_turned = _size(attitude, of_attitude) > _SIGMAS and np.linalg.norm(attitude) > _LEAST_ANGLE
-    is_faster = _size(rate, of_rate) > _SIGMAS and np.linalg.norm(rate) > _LEAST_RATE
+    is_turned = _size(attitude, of_attitude) > sigmas and np.linalg.norm(attitude) > angle
+    is_faster = _size(rate, of_rate) > sigmas and np.linalg.norm(rate) > change
     return bool(is_turned or is_faster)
 
 

@@ -235,10 +235,10 @@ class PipelineEstimatorRun:
         self._rate = estimate.chaser.angular_velocity
         return estimate
 
-    def expect_changes(self, expected: bool) -> None:
-        """Set whether frames that disagree with the motion mean that it has changed."""
+    def tolerate(self, factor: float) -> None:
+        """Set the factor of the deviations of frames that mean that the motion has changed."""
         if self.pipeline is not None:
-            self.pipeline.expects_changes = expected
+            self.pipeline.tolerance = factor
 
     def replay(self, kept: Sequence[Readings], longest: float) -> StateEstimate | None:
         """Return the estimate after readings that were kept; None if no frame gives a pose for a time [s].
@@ -248,7 +248,7 @@ class PipelineEstimatorRun:
         estimate = None
         for readings in kept:
             estimate = self.update(readings)
-            self.expect_changes(False)
+            self.tolerate(np.inf)
             if readings.time > estimate.updated + longest:
                 return None
         return estimate

@@ -42,6 +42,8 @@ _LARGEST_MISFIT, _AGAIN = 3.0, 30.0
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
 #: Ratios of the noise that is assumed for registration to the first and to the second map to that of the camera.
 _BLUR = (2.5, 1.5)
+#: Factor of the deviations from the motion that mean that it has changed: a map is distorted and has holes.
+_TOLERANCE = 4.0
 #: Time constant of keeping the distance from what is seen [s].
 _STATION = 100.0
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
@@ -199,7 +201,7 @@ class _MappingEstimatorRun:
         if self._mapped is not None:
             return self._about_origin(estimate, self._mapped)
         # Odometry errs more often than something strikes the target.
-        self._run.expect_changes(False)
+        self._run.tolerate(np.inf)
         station = self._keep(readings, estimate.chaser)
         if readings.time >= self._due - 1e-9:
             self._due = readings.time + _AGAIN
@@ -275,7 +277,7 @@ class _MappingEstimatorRun:
         solid = self._surface.solid(poses, model.mesh, found.model, origin)
         self._mapped = _Mapped(Target(solid, mesh, model.inertia, mating_point), origin)
         self._run = run
-        self._run.expect_changes(True)
+        self._run.tolerate(_TOLERANCE)
         self._readings.clear()
         return self._about_origin(estimate, self._mapped)
 

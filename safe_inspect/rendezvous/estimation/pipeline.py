@@ -72,8 +72,8 @@ class EstimationPipeline:
 
     Attributes:
         measured: The edges that the front end has measured in the newest frame.
-        expects_changes: Whether frames that disagree with the motion mean that it has changed; otherwise they count as
-            wrong.
+        tolerance: Factor of the deviations of frames that mean that the motion has changed; smaller ones are errors of
+            the frames. It is infinite if the motion does not change.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class EstimationPipeline:
         self.updated = 0.0
         self.changed = False
         self.measured: list[Edge] = []
-        self.expects_changes = True
+        self.tolerance = 1.0
         self._step(frame, np.eye(3))
         self._edges += self.measured
 
@@ -221,7 +221,7 @@ class EstimationPipeline:
             self.target, self.changed = found or known, self.changed and found is None
         elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
             self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)
-        elif known is not None and found.recent_misfit > _CHANGED_MISFIT and self.expects_changes:
+        elif known is not None and found.recent_misfit > _CHANGED_MISFIT * self.tolerance:
             self._forget_before(time - QUICK_SPAN, time)
         else:
             self.target = found
@@ -229,7 +229,7 @@ class EstimationPipeline:
     def _check_motion(self, time: float, edges: list[Edge]) -> None:
         """Check whether the newest attitudes agree with the known motion; if not, discard the frames before them."""
         known = self.target
-        if known is None or not edges or not self.expects_changes:
+        if known is None or not edges:
             return
         if self.changed:
             self._follow_newest(time)
@@ -238,7 +238,7 @@ class EstimationPipeline:
             return  # the newest frames are not related to the axes
         times, q_WG = self.history(_CHANGED_FRAMES).in_inertial  # noqa: N806
         sigma = np.sqrt(np.mean([np.trace(edge.covariance[:3, :3]) for edge in edges]) / 3.0)
-        if departs(known, times, multiply(q_WG, known.q_GT), float(sigma)):
+        if departs(known, times, multiply(q_WG, known.q_GT), float(sigma), self.tolerance):
             # The frames that are off were taken after the change; those before them possibly were not.
             self._forget_before(float(times[-OFF_FRAMES]), time)
 

@@ -169,7 +169,9 @@ class _ModelFrontEndRun:
         registration: Registers frames.
         T_BC: Pose of the camera in B, shape (4, 4).
         largest_score: Largest score of an accepted registration [m].
-        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each.
+        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each; empty for none. A
+            shape with known poses is a map of what was seen: frames may show parts that are not on it, so that a score
+            decides nothing, and a pose that differs much from the expected one is wrong.
     """
 
     def __init__(
@@ -181,7 +183,7 @@ class _ModelFrontEndRun:
         poses: Mapping[int, FloatArray],
     ) -> None:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
-        self._largest_score, self._poses = largest_score, poses
+        self._largest_score, self._poses = np.inf if poses else largest_score, poses
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
@@ -318,9 +320,9 @@ class _ModelFrontEndRun:
             self._search_again = time + _SEARCH_PERIOD - 1e-9
             return
         if expected is not None:
-            fits = (one for one in found if one.score <= self._largest_score)
-            near = [one for one in fits if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
-            fitting = near or fitting
+            of = found if self._poses else fitting
+            near = [one for one in of if np.linalg.norm(difference(expected, one.pose)[:3]) < _EXPECTED_TURN]
+            fitting = near if self._poses else near or fitting
         self._hypotheses = [self._hypothesis(one, time) for one in fitting]
 
     def _hypothesis(self, found: Registration, time: float) -> _Hypothesis:
