@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.bound import BoundQuery, ErrorSamples, conformal_bound, sample_errors
-from safe_inspect.rendezvous.estimate import EstimateErrors
+from safe_inspect.rendezvous.estimate import EstimateErrors, JointErrors
 
 from .conftest import unobstructed_plan
 
@@ -68,6 +69,21 @@ def test_an_error_of_attitude_moves_the_reference_by_at_most_its_angle_times_the
     ratio = np.linalg.norm(samples.position, axis=2) / (np.linalg.norm(drawn, axis=2) * radius)
     assert ratio.max() <= 1.0 + 1e-9
     assert ratio.max() > 0.95
+
+
+@pytest.mark.parametrize("period", [None, 2.0])
+def test_the_point_that_is_taken_for_the_centre_of_mass_rotates_about_the_true_one(plan, period):
+    spread = np.diag([0.02, 0.01, 0.03]) ** 2
+    errors = JointErrors(0.0, 0.0, offset=spread)
+    samples = sample_errors(BoundQuery(plan, INERTIA, errors, period), streams(50))
+    offset = streams(50).normal("bound.offset", 3) * np.sqrt(np.diag(spread))
+    axes, step = to_matrix(plan.orientation), BoundQuery(plan, INERTIA, errors).step
+    since = np.arange(len(axes)) // (len(axes) if period is None else round(period / step))
+    first = since * (0 if period is None else round(period / step))
+    expected = np.einsum("kij,nj->nki", axes - axes[first], offset)
+    np.testing.assert_allclose(samples.position, expected, atol=1e-6)
+    velocity = np.einsum("kij,nkj->nki", axes, np.cross(plan.angular_velocity[None], offset[:, None]))
+    np.testing.assert_allclose(samples.velocity, velocity, atol=1e-6)
 
 
 def test_errors_of_centre_and_navigation_shift_the_reference(plan):

@@ -103,6 +103,11 @@ def test_a_departure_is_distinguished_from_frames_in_which_the_front_end_errs() 
     struck = tumble(inertia, expected[1][None], known.predict(times)[1][1][None] + np.deg2rad([[2.0, 0.0, 0.0]]),
                     times[1:] - times[1])[0][0]  # fmt: skip
     assert departs(known, times, np.concatenate((expected[:1], struck)), sigma)
+    assert not departs(known, times, np.concatenate((expected[:1], struck)), sigma, 4.0)
+    hard = tumble(inertia, expected[1][None], known.predict(times)[1][1][None] + np.deg2rad([[8.0, 0.0, 0.0]]),
+                  times[1:] - times[1])[0][0]  # fmt: skip
+    assert departs(known, times, np.concatenate((expected[:1], hard)), sigma, 4.0)
+    assert not departs(known, times, np.concatenate((expected[:1], hard)), sigma, np.inf)
     # A small departure of the rate shows in time, by the attitude.
     slow = w[None] + np.deg2rad([[0.0, 0.4, 0.0]])
     early, late = times - 6.0, times + 10.0
