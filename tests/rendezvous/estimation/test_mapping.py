@@ -18,6 +18,7 @@ from safe_inspect.rendezvous.estimate import BodyState, JointErrors
 from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station, _with_offset
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
+from safe_inspect.rendezvous.front_end import model as front_end_module
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, move, perturbed, pose, rotation_exp
@@ -209,7 +210,9 @@ def test_errors_of_a_maps_origin_are_those_of_a_frame_and_the_centre_of_mass_is_
     np.testing.assert_array_equal(found.joint[:8, :8], np.eye(8))
 
 
-def test_frames_that_show_what_is_not_on_the_map_are_registered_near_the_expected_pose() -> None:
+def test_frames_that_show_what_is_not_on_the_map_are_registered_near_the_expected_pose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A quarter of the target is not on the map."""
     config = _config()
     target = config.target()
@@ -219,7 +222,7 @@ def test_frames_that_show_what_is_not_on_the_map_are_registered_near_the_expecte
     part = TriangleMesh(corners[kept].reshape(-1, 3), np.arange(3 * kept.sum()).reshape(-1, 3))
     known = dataclasses.replace(target, mesh=part)
     mount = pose(R_BC, np.array(config.chaser.camera_position))
-    counts = []
+    counts, searches = [], []
     for poses in ({}, {0: seen[0].T_MB}):
         run = ModelFrontEnd()(FrontEndContext(config.sensors.camera.geometry, mount, known, None, poses))
         found = [run.step(one.frame, one.T_MB, np.eye(3)) for one in seen]
@@ -228,4 +231,6 @@ def test_frames_that_show_what_is_not_on_the_map_are_registered_near_the_expecte
             for one, edges in zip(seen, found, strict=True)
         ]
         counts.append(sum(right))
+        monkeypatch.setattr(front_end_module, "acquire", lambda *_, **__: searches.append(0) or [])
     assert counts[0] < counts[1] == len(seen)
+    assert not searches
