@@ -38,7 +38,7 @@ _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.3
 #: Minimum number of poses that a search registers with all points.
 _REFINED = 18
 #: Number of found poses that are displaced along the axes of M, by which fractions of the swept radius, and the
-#: decrease of the score that tells another optimum from the same one [m].
+#: least decrease of the score of another optimum [m].
 _DISPLACED, _DISPLACEMENTS, _BETTER = 4, (-0.24, -0.12, 0.12, 0.24), 1e-3
 #: Poses whose attitudes differ by less count as the same [rad].
 _SAME = np.deg2rad(10.0)

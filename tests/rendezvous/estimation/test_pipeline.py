@@ -418,7 +418,7 @@ def test_the_newest_attitudes_are_those_of_the_frames_that_are_reached(
     pipeline.target = known = motion(aligned=aligned)
     pipeline._check_motion(10.0, [edge(10)])
     assert len(told) == seen
-    for _, times, found, _ in told:
+    for _, times, found, *_ in told:
         np.testing.assert_array_equal(times, [6.0, 7.0, 9.0, 10.0])
         wanted = known.predict(times)[0]
         np.testing.assert_allclose(np.abs((found * wanted).sum(axis=1)), np.ones(4), atol=1e-12)
@@ -435,7 +435,8 @@ def test_a_change_lets_the_newest_frames_say_how_the_target_turns(monkeypatch: p
     pipeline._check_motion(9.0, [])
     assert not told
     pipeline._check_motion(9.0, [edge(9), edge(9)])
-    ((known, times, _, sigma),) = told
+    ((known, times, _, sigma, tolerance),) = told
+    assert tolerance == 1.0
     assert known is other
     assert sigma == pytest.approx(1e-2)
     np.testing.assert_array_equal(times, np.arange(5.0, 10.0))
