@@ -118,14 +118,13 @@ class StateEstimate:
     mapped: Target | None = None
 
     def in_units_of(self, length: float) -> StateEstimate:
-        """Return the estimate with all lengths divided by a length [m]."""
+        """Return the estimate of a target that is not mapped, with all lengths divided by a length [m]."""
         return replace(
             self,
             chaser=self.chaser.in_units_of(length),
             target=self.target.in_units_of(length),
             errors=self.errors.in_units_of(length),
             mismatch=self.mismatch / length,
-            mapped=None if self.mapped is None else self.mapped.in_units_of(length),
         )
 
     @property
