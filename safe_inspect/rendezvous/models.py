@@ -174,7 +174,7 @@ class MissionConfig(Model):
         time_limit: Time at which an approach or a wait ends at the latest, with a retreat [s].
         mean_motion: Mean motion of the target's orbit [rad/s]; 0 for free space. The axes of W do not rotate.
         length: Length of the scenario [m], about the radius that the target sweeps. The clearances that planner, tube
-            and escape reserve are fractions of it, and the planner and `PipelineEstimator` use it as their unit of length.
+            and escape reserve are fractions of it, and planner and `PipelineEstimator` use it as their unit of length.
         faults: Faults to simulate.
     """
 
