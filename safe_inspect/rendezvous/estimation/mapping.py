@@ -35,8 +35,8 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLe
 _CENTRE = 0.03
 #: Misfit of the motion above which no map is made, in standard deviations, and the time until the next attempt [s].
 _LARGEST_MISFIT, _AGAIN = 3.0, 30.0
-#: Standard deviation of the attitude above which no map is made [rad], and the longest time without a pose to the map
-#: while frames are registered to it again [s].
+#: Standard deviation of the surface's attitude above which no map is made [rad], and the longest time without a pose to
+#: the map while frames are registered to it again [s].
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
 #: Ratios of the noise that is assumed for registration to the first and to the second map to that of the camera.
 _BLUR = (2.5, 1.5)
@@ -146,7 +146,9 @@ class _Found(NamedTuple):
         if pipeline is None or pipeline.target is None or pipeline.graph is None:
             return None
         motion, graph = pipeline.target, pipeline.graph
-        if motion.misfit > _LARGEST_MISFIT or largest_sigma(motion.covariance[:3, :3]) > _LARGEST_ATTITUDE:
+        # Axes that are not known, of a nearly spherical inertia for instance, do not move the surface.
+        of_surface = largest_sigma(motion.covariance[:3, :3]) ** 2 - motion.axes_sigma**2
+        if motion.misfit > _LARGEST_MISFIT or of_surface > _LARGEST_ATTITUDE**2:
             return None
         return cls(pipeline.motion_poses(), graph.centre_glued, graph.model, motion)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.missions.truth import pose_in_model
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors
-from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station, _with_offset
+from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station, _Found, _with_offset
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.front_end import model as front_end_module
@@ -158,6 +160,18 @@ def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point() -> None:
     assert summary["largest_gauge"] is None
     still = arrays["t"] < 150.0
     assert np.abs(arrays["x"][still, :3] - arrays["x"][0, :3]).max() < 0.25  # it keeps its place while it maps
+
+
+@pytest.mark.parametrize(("axes", "misfit", "is_found"), [(9.5, 1.0, True), (7.0, 1.0, False), (9.5, 3.1, False)])
+def test_a_map_needs_the_attitude_of_the_surface_and_not_of_the_axes(
+    axes: float, misfit: float, is_found: bool
+) -> None:
+    covariance = np.zeros((8, 8))
+    covariance[0, 0] = np.deg2rad(9.0) ** 2
+    motion = SimpleNamespace(misfit=misfit, covariance=covariance, axes_sigma=np.deg2rad(axes))
+    graph = SimpleNamespace(centre_glued=np.zeros(3), model=None)
+    pipeline: Any = SimpleNamespace(target=motion, graph=graph, motion_poses=dict)
+    assert (_Found.of(pipeline) is not None) == is_found
 
 
 def test_a_ball_that_reaches_the_start_is_warned_of() -> None:
