@@ -195,7 +195,9 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
             found, believed = (f"{1e3 * sigma:.3g} mm" for sigma in (measured, assumed))
             typical = f"{TYPICAL_RANGE * length:g} m"
             message = f"ranges of {typical} scatter by {found}, and the front end assumes {believed}"
-            hint = "set range_sigma and range_growth of the front end" + ("" if length == 1.0 else ", or camera.scale")
+            hint = "set range_sigma and range_growth of the front end" + (
+                "" if length == 1.0 else ", or sensors.camera.scale"
+            )
             yield Problem(message, "sensors.camera.profile", hint=hint)
     frame_ticks = round(sensors.frame_period / mission.tick)
     lag = (sensors.imu_ticks - math.gcd(sensors.imu_ticks, frame_ticks)) * mission.tick

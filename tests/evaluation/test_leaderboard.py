@@ -27,7 +27,7 @@ boards:
     rows:
       - {{source: zero-thrust, note: coasts}}
     published:
-      - {{name: "A | B", reference: arXiv 0000.00000, success: 0.5, points: 98.82}}
+      - {{name: "A | B", reference: arXiv 0000.00000, success: 0.5, points: 98.82, time: 1234.4}}
 """
 MORE = "boards: [{title: Small, rows: [{source: random, name: mine, training_steps: 12, wall_time: 3 min}]}]"
 
@@ -87,7 +87,7 @@ def test_the_best_stands_first(tmp_path):
     places = [page.index(name) for name in ("| cheap", "| dear", "| worse", "| *A \\| B* (arXiv 0000.00000)")]
     assert places == sorted(places)
     assert "4 episodes of seed 3" in page
-    assert "| 50.0 % | 98.82 | - | - | - | - | - | - |" in page
+    assert "| 50.0 % | 98.82 | - | 1,234 | - | - | - | - |" in page
 
 
 def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypatch):

@@ -122,7 +122,8 @@ class FrontEndContext:
         T_BC: Pose of the camera in the chaser's frame B, homogeneous matrix, shape (4, 4).
         target: The target, None if its shape is not known.
         streams: Random streams that only the estimator uses.
-        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each.
+        poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each. With them, the
+            target is a map, of which parts may be missing.
     """
 
     camera: DepthCamera

@@ -413,12 +413,12 @@ def test_the_newest_attitudes_are_those_of_the_frames_that_are_reached(
     flight = Flight()
     flight.graph.model = T_GM if model else None
     flight.graph.unreached = (8,)
-    pipeline, told = flight.see(*np.arange(11.0)), list[Any]()
-    monkeypatch.setattr(module, "departs", lambda *given: told.append(given) or False)
+    pipeline, checks = flight.see(*np.arange(11.0)), list[Any]()
+    monkeypatch.setattr(module, "departs", lambda *given: checks.append(given) or False)
     pipeline.target = known = motion(aligned=aligned)
     pipeline._check_motion(10.0, [edge(10)])
-    assert len(told) == seen
-    for _, times, found, *_ in told:
+    assert len(checks) == seen
+    for _, times, found, *_ in checks:
         np.testing.assert_array_equal(times, [6.0, 7.0, 9.0, 10.0])
         wanted = known.predict(times)[0]
         np.testing.assert_allclose(np.abs((found * wanted).sum(axis=1)), np.ones(4), atol=1e-12)
@@ -429,13 +429,13 @@ def test_a_change_lets_the_newest_frames_say_how_the_target_turns(monkeypatch: p
     pipeline = flight.see(*np.arange(10.0))
     true = motion()
     other = replace(true, orientation=exp(np.array([0.2, 0.0, 0.1])), angular_velocity=np.zeros(3))
-    told: list[Any] = []
-    monkeypatch.setattr(module, "departs", lambda *given: told.append(given) or False)
+    checks: list[Any] = []
+    monkeypatch.setattr(module, "departs", lambda *given: checks.append(given) or False)
     pipeline.target = other
     pipeline._check_motion(9.0, [])
-    assert not told
+    assert not checks
     pipeline._check_motion(9.0, [edge(9), edge(9)])
-    ((known, times, _, sigma, tolerance),) = told
+    ((known, times, _, sigma, tolerance),) = checks
     assert tolerance == 1.0
     assert known is other
     assert sigma == pytest.approx(1e-2)
