@@ -42,8 +42,10 @@ _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
 _BLUR = (2.5, 1.5)
 #: Factor of the deviations from the motion that mean that it has changed: a map is distorted and has holes.
 _TOLERANCE = 4.0
-#: Time constant of keeping the distance from what is seen [s].
-_STATION = 100.0
+#: Time constant of keeping the distance from what is seen [s], and number of frames that show what the distance is.
+_STATION, _AVERAGED = 100.0, 100
+#: Distance between the chaser at the start and the sphere that contains the target [m].
+_STANDOFF = 0.25
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
 _UNMARKED = 1e-3
 
@@ -59,7 +61,8 @@ class MappingEstimator(StateEstimator):
     Attributes:
         front_end: Computes relative poses from frames before there is a map.
         model_front_end: Registers frames to the map.
-        radius: Radius of a sphere about the centre of mass that is known to contain the target [m].
+        radius: Radius of a sphere about the centre of mass that is known to contain the target [m]. The chaser must
+            start 0.25 m outside of it.
         duration: Time after which the map is made [s].
         computing_time: Time that the flight computer takes for the map [s]; the estimate is used after it.
         correlation: Correlation of the errors of two consecutive updates.
@@ -94,22 +97,32 @@ class MappingEstimator(StateEstimator):
 class Station:
     """Motion of the chaser relative to what it sees, from the commands and the mean of the points of each frame.
 
-    The mean moves about as the target turns, so that it corrects the motion slowly.
+    The mean moves about as the target turns, so that it corrects the motion slowly, by its difference from the mean
+    over the first ones. A part that points to the chaser may hide the target's centre, which is then farther away.
 
     Args:
         start: The chaser at the start.
+        distance: Distance from the target's centre at which the chaser is known to start at least [m].
 
     Attributes:
         position: Position of the chaser in W [m], shape (3,).
         velocity: Its velocity [m/s], shape (3,).
-        centre: Mean of the points of the first frame in W [m], shape (3,); None before it.
         seen: Time of the last frame with points [s].
     """
 
-    def __init__(self, start: BodyState) -> None:
+    def __init__(self, start: BodyState, distance: float) -> None:
         self.position, self.velocity = start.position, start.velocity
-        self.centre: FloatArray | None = None
+        self._start, self._distance = start.position, distance
+        self._mean, self._frames = np.zeros(3), 0
         self.seen = 0.0
+
+    @property
+    def centre(self) -> FloatArray | None:
+        """Centre of the target in W as far as it is known [m], shape (3,); None before the first frame."""
+        if not self._frames:
+            return None
+        away = self._mean - self._start
+        return self._start + max(self._distance / float(np.linalg.norm(away)), 1.0) * away
 
     def advance(self, acceleration: FloatArray, step: float) -> None:
         """Advance by a step [s] with the commanded acceleration in W [m/s^2], shape (3,)."""
@@ -118,9 +131,11 @@ class Station:
 
     def correct(self, seen: FloatArray, period: float) -> None:
         """Correct the motion by the chaser's position from the mean of the points, in axes of W [m], shape (3,)."""
-        if self.centre is None:
-            self.centre = self.position - seen
-        error = self.centre + seen - self.position
+        self._frames += 1
+        shown = self.position - seen
+        if self._frames <= _AVERAGED:
+            self._mean = self._mean + (shown - self._mean) / self._frames
+        error = self._mean - shown
         self.position = self.position + min(2.0 * period / _STATION, 1.0) * error
         self.velocity = self.velocity + period / _STATION**2 * error
 
@@ -229,7 +244,8 @@ class _MappingEstimatorRun:
         """Keep readings for the map, and return the chaser's motion relative to what it sees."""
         if self._station is None:
             assert readings.start is not None, "the first readings contain the chaser's state"
-            self._station = Station(readings.start)
+            known = self._context.target.swept_radius + self._context.chaser.radius
+            self._station = Station(readings.start, known + _STANDOFF)
         if readings.command is not None:
             force = rotate(chaser.orientation, readings.command.force)
             self._station.advance(force / self._context.chaser.mass, self._context.step)

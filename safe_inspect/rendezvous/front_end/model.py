@@ -29,6 +29,8 @@ _LEAST_POINTS, _SEARCH_POINTS = 150, 300
 _USED_POINTS = 1500
 #: Minimum fraction of the points close to the shape, and maximum mean distance [m], of an accepted frame.
 _LEAST_INLIERS, _LARGEST_SCORE = 0.6, 0.01
+#: Minimum fraction on a map, which may lack much of what a frame shows.
+_LEAST_MAPPED = 0.3
 #: Range at which cameras are compared [m], and the standard deviation there for which the limits of distances hold [m].
 TYPICAL_RANGE = 1.5
 _TYPICAL_NOISE = 3e-3 + 1.5e-3 * TYPICAL_RANGE**2
@@ -59,6 +61,8 @@ _MARGIN, _VIEWS, _VIEW_ANGLE = 0.003, 15, np.deg2rad(10.0)
 #: Ratio of a frame's best score to the mean over that pose's views above which the frame does not decide between poses:
 #: of a plate seen from its edge, for instance, most pixels are flying ones.
 _UNCLEAR = 1.5
+#: Standard deviation of the errors of a map's normals along each axis [rad].
+_ROUGHNESS = 0.1
 #: Weight of a frame in the update of the pose of G in M, and the difference [rad, m] beyond which the pose is replaced.
 _PLACING, _FAR_OFF = 0.2, (0.1, 0.1)
 
@@ -127,7 +131,8 @@ class ModelFrontEnd(FrontEnd):
         """
         if context.target is None:
             raise ConfigError("ModelFrontEnd needs the shape of the target; give a target, or use GicpSubmapFrontEnd")
-        registration = self.registration(context.target, context.camera, context.T_BC)
+        roughness = _ROUGHNESS if context.poses else 0.0
+        registration = self.registration(context.target, context.camera, context.T_BC, roughness)
         # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
         cleaning = Cleaning(context.camera, edge=np.inf)
         return _ModelFrontEndRun(
@@ -144,16 +149,23 @@ class ModelFrontEnd(FrontEnd):
         """Ratio of the noise to that for which the limits of distances hold; 1 for less noise."""
         return max(self.range_noise / _TYPICAL_NOISE, 1.0)
 
-    def registration(self, target: Target, camera: DepthCamera, T_BC: FloatArray) -> ModelRegistration:  # noqa: N803
+    def registration(
+        self,
+        target: Target,
+        camera: DepthCamera,
+        T_BC: FloatArray,  # noqa: N803
+        roughness: float = 0.0,
+    ) -> ModelRegistration:
         """Return the registration of frames to a known target.
 
         Args:
             target: The target.
             camera: Geometry of the camera.
             T_BC: Pose of the camera in B, shape (4, 4).
+            roughness: Standard deviation of the errors of the shape's normals [rad].
         """
         cut = self._noise_ratio * LARGEST_DISTANCE
-        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth, cut)
+        return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth, cut, roughness)
 
 
 class _ModelFrontEndRun:
@@ -184,6 +196,7 @@ class _ModelFrontEndRun:
     ) -> None:
         self._cleaning, self._registration, self._T_BC = cleaning, registration, T_BC
         self._largest_score, self._poses = np.inf if poses else largest_score, poses
+        self._least_inliers = _LEAST_MAPPED if poses else _LEAST_INLIERS
         self._hypotheses: list[_Hypothesis] = []
         self._count = 0
         self._search_again = -np.inf
@@ -281,7 +294,7 @@ class _ModelFrontEndRun:
             is_known = hypothesis.motion.is_known
             off = difference(start, found.pose) if is_known else difference(inverse(start), inverse(found.pose))
             hypothesis.score = found.score
-            fits = found.inliers >= _LEAST_INLIERS and found.score <= self._largest_score
+            fits = found.inliers >= self._least_inliers and found.score <= self._largest_score
             if fits and not _is_beyond(off, _LARGEST_OFF):
                 hypothesis.found, hypothesis.failures = found, 0
                 hypothesis.motion.observe(time, found.pose)
@@ -297,7 +310,7 @@ class _ModelFrontEndRun:
     def _place_known(self, cloud: Cloud, time: float, start: FloatArray) -> None:
         """Register a frame from a pose that is known from elsewhere, whatever parts of the shape it does not see."""
         found = self._registration(cloud, start, np.diag(np.repeat(_KNOWN, 3) ** -2), widening=2.0)
-        if found.inliers < _LEAST_INLIERS:
+        if found.inliers < self._least_inliers:
             self._fail(self._hypotheses)
         elif self._hypotheses:
             self._hypotheses = self._hypotheses[:1]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
+from scipy.linalg import eigh
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.depth_camera import DepthCamera
@@ -57,6 +58,7 @@ class ModelRegistration:
         sigma0: Constant part of the standard deviation of a range [m].
         k: Coefficient of the part that grows with the square of the range [1/m].
         cut: Distance to the surface beyond which points do not count [m].
+        roughness: Standard deviation of the errors of the surface's normals, along each axis [rad].
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class ModelRegistration:
         sigma0: float,
         k: float,
         cut: float = LARGEST_DISTANCE,
+        roughness: float = 0.0,
     ) -> None:
         self.surface = MeshSurface(target.shape)
         self.samples, self.coarse_samples = (
@@ -75,6 +78,7 @@ class ModelRegistration:
         )
         self._noise = RangeNoise(sigma0, k, 0.5 / camera.focal_length, cut)
         self._T_BC, self._camera, self.swept_radius = T_BC, camera, target.swept_radius
+        self._roughness = roughness
 
     def __call__(
         self,
@@ -119,7 +123,9 @@ class ModelRegistration:
         turn = _DETAIL_TURN * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
-        return replace(found, excess=excess, systematic=systematic)
+        # On a rough surface, the prior bounds the errors along directions that the frame does not show.
+        hessian = found.hessian + excess * prior if self._roughness else found.hessian
+        return replace(found, hessian=hessian, excess=excess, systematic=systematic)
 
     def linearise(
         self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False
@@ -143,7 +149,35 @@ class ModelRegistration:
         far, shown = add_silhouette(sums, samples, pose, cloud, self._camera, mount, noise)
         score = distance / number + far / max(shown, 1)
         excess = max(squares / max(inliers - 6, 1), _LEAST_EXCESS)
-        return Registration(pose, sums[:6, :6].copy(), score, inliers / number, excess), sums[:6, 6].copy()
+        hessian, gradient = sums[:6, :6].copy(), sums[:6, 6].copy()
+        if self._roughness and number > 1:
+            hessian, gradient = _of_exact_normals(hessian, gradient, cloud.points, self._roughness)
+        return Registration(pose, hessian, score, inliers / number, excess), gradient
+
+
+def _of_exact_normals(
+    hessian: FloatArray, gradient: FloatArray, points: FloatArray, roughness: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return normal equations without the information that errors of the normals seem to give.
+
+    Random normals seem to show every motion, for instance that of a sphere about its centre. With errors of variance
+    s^2 along each axis, a direction of which the frame shows the fraction f of what points on surfaces of all
+    directions would show seems to have the fraction ``f + s^2 (1 - f)``.
+
+    Args:
+        hessian: Information matrix of the tangent from the right, shape (6, 6).
+        gradient: Gradient, shape (6,).
+        points: The measured points in B [m], shape (n, 3).
+        roughness: Standard deviation s of the errors of the normals along each axis [rad].
+    """
+    axes = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    rows = np.concatenate([np.cross(points[:, None], axes), axes], axis=2)
+    total = (np.trace(hessian[3:, 3:]) + 1e-9) * np.einsum("kai,kaj->ij", rows, rows) / len(points)
+    fractions, directions = eigh(hessian, total)
+    shown = np.maximum(fractions - roughness**2 * (1.0 - fractions), 0.0)
+    turned = total @ directions
+    pull = directions.T @ gradient * shown / np.maximum(fractions, 1e-12)
+    return np.asarray((turned * shown) @ turned.T), np.asarray(turned @ pull)
 
 
 def _spread_rotations(count: int) -> FloatArray:

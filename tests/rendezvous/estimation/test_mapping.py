@@ -108,18 +108,33 @@ def test_distances_to_points_and_their_gradients() -> None:
 
 def test_a_chaser_that_drifts_is_found_to_drift_and_one_that_is_pushed_moves_at_once() -> None:
     start = BodyState(np.array([0.0, -1.5, 0.0]), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
-    station = Station(start)
+    station = Station(start, 1.0)
     station.correct(start.position, 1.0)
     station.advance(np.array([0.1, 0.0, 0.0]), 0.2)
     np.testing.assert_allclose(station.position, [0.002, -1.5, 0.0])
     np.testing.assert_allclose(station.velocity, [0.02, 0.0, 0.0])
-    drift = np.array([0.0, 0.0, 0.002])
+    drift, pushed = np.array([0.0, 0.0, 0.002]), np.array([0.02, 0.0, 0.0])
     for second in range(1500):
         for _ in range(5):
             station.advance(np.zeros(3), 0.2)
-        station.correct(start.position + (second + 1) * drift, 1.0)
-    np.testing.assert_allclose(station.velocity, drift, atol=2e-4)
-    np.testing.assert_allclose(station.position, start.position + 1500 * drift, atol=0.02)
+        station.correct(start.position + (second + 1) * (drift + pushed), 1.0)
+    np.testing.assert_allclose(station.velocity, drift + pushed, atol=2e-4)
+    # The reference is the mean of the first 100 s, in which the drift is not known yet.
+    np.testing.assert_allclose(station.position, start.position + 1500 * (drift + pushed), atol=0.1)
+
+
+def test_a_part_that_hides_the_target_at_first_neither_hides_its_distance_nor_draws_the_chaser_near() -> None:
+    start = BodyState(np.array([0.0, -1.5, 0.0]), np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3))
+    station = Station(start, 1.4)
+    assert station.centre is None
+    hiding = np.array([0.0, -0.8, 0.0])
+    station.correct(hiding, 1.0)
+    np.testing.assert_allclose(station.centre, [0.0, -0.1, 0.0], atol=1e-12)
+    for _ in range(150):
+        station.correct(start.position, 1.0)
+    assert station.centre is not None
+    assert np.linalg.norm(station.centre) < 0.05
+    assert np.linalg.norm(station.position - start.position) < 0.05  # was 0.4 m with the first frame as the reference
 
 
 def test_an_operator_marks_the_mating_point_where_a_frame_shows_it() -> None:

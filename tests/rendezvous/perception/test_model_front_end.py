@@ -17,10 +17,17 @@ from safe_inspect.rendezvous.experiment import load_rendezvous
 from safe_inspect.rendezvous.front_end import model
 from safe_inspect.rendezvous.front_end.base import FrontEndContext, Registration, RelativeMotion
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning, Cloud
-from safe_inspect.rendezvous.front_end.model_registration import ModelRegistration, _spread_rotations, acquire
+from safe_inspect.rendezvous.front_end.model_registration import (
+    ModelRegistration,
+    _of_exact_normals,
+    _spread_rotations,
+    acquire,
+)
+from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.plugins import BoxTarget, ModelFrontEnd
 from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, perturbed, pose, rotation_exp
-from safe_inspect.rendezvous.target.model import Target
+from safe_inspect.rendezvous.target.model import Target, TriangleMesh
+from safe_inspect.rendezvous.target.solid import MeshSolid
 
 from .conftest import CAMERA, T_BC, Shoot, spin
 
@@ -356,6 +363,47 @@ def test_a_face_that_fills_the_image_leaves_the_shape_free_along_it(target: Targ
         assert offset @ np.linalg.solve(covariance, offset) / 6.0 < 4.0
         x = rotation.T @ np.array([1.0, 0.0, 0.0])  # the strip leads along x of M
         assert np.sqrt(x @ covariance[3:, 3:] @ x) > 0.01
+
+
+def _rough_ball(random: np.random.Generator) -> Target:
+    ball = require("trimesh").creation.icosphere(subdivisions=4, radius=0.5)
+    vertices = np.asarray(ball.vertices) * (1.0 + 0.004 * random.normal(size=(len(ball.vertices), 1)))
+    mesh = TriangleMesh(vertices, np.asarray(ball.faces, np.int64))
+    return Target(MeshSolid([ball]), mesh, np.eye(3), np.array([0.0, 0.0, 0.6]))
+
+
+def test_the_roughness_of_a_map_does_not_show_how_a_ball_is_turned(streams: Streams) -> None:
+    """Its bumps seem to show it, and draw the pose to wherever the noise of a frame fits them."""
+    random = np.random.default_rng(4)
+    target, prior = _rough_ball(random), np.diag(np.repeat([np.deg2rad(0.5), 0.005], 3) ** -2.0)
+    truth = spin(1)[0]
+    camera = truth @ T_BC
+    renderer = TimeOfFlightCamera(profile="nominal")(_rough_ball(random))
+    frame = renderer.render(camera[:3, :3], camera[:3, 3], streams, 0, 0.0)
+    cloud = Cleaning(CAMERA, edge=np.inf)(frame, T_BC).thinned(1500)
+    turns = []
+    for roughness in (0.0, 0.1):
+        found = ModelFrontEnd().registration(target, CAMERA, T_BC, roughness)(cloud, truth, prior)
+        turns.append(_degrees(truth, found.pose))
+        # The centre, as it is seen in B, is shown all the same.
+        moved = -(inverse(found.pose) - inverse(truth))[:3, 3]
+        assert np.linalg.norm(moved) < 0.01
+    assert turns[0] > 0.5
+    assert turns[1] < 0.1
+
+
+def test_normals_that_err_show_less_than_they_seem_to() -> None:
+    random = np.random.default_rng(5)
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points, seen = 0.5 * normals, normals + 0.05 * random.normal(size=normals.shape)
+    rows = np.concatenate([np.cross(points, seen), seen], axis=1)
+    hessian, gradient = rows.T @ rows, rows.T @ random.normal(size=4000)
+    information, pull = _of_exact_normals(hessian, gradient, points, 0.05)
+    assert np.linalg.eigvalsh(information[:3, :3]).max() < 0.1 * np.linalg.eigvalsh(hessian[:3, :3]).min()
+    np.testing.assert_allclose(information[3:, 3:], hessian[3:, 3:], rtol=0.01, atol=0.01 * hessian[3, 3])
+    assert np.linalg.norm(pull[:3]) < 0.1 * np.linalg.norm(gradient[:3])
+    np.testing.assert_allclose(pull[3:], gradient[3:], rtol=0.05, atol=0.01 * np.linalg.norm(gradient[3:]))
 
 
 def test_the_seam_of_two_bodies_is_no_edge(streams: Streams) -> None:
