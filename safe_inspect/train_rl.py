@@ -10,7 +10,7 @@ from safe_inspect.cli.common import Parser, run_command
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code, which is 0, or 2 for a mistake of the user."""
-    return run_command(Parser(prog="python -m safe_inspect.train_rl", command=("train", "train")), argv)
+    return run_command(Parser(prog="python -m safe_inspect.train_rl", command="train"), argv)
 
 
 if __name__ == "__main__":

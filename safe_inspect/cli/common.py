@@ -33,14 +33,14 @@ class Parser(argparse.ArgumentParser):
     """A parser that prints a mistake as one line; the parsers of subcommands are of this class too.
 
     Args:
-        command: A module of `cli.commands` and the name of a command in it, whose arguments are added by
-            ``add_NAME_arguments``, or by `add_experiment_arguments` if there is none, and which ``run_NAME`` runs; the
-            docstring of the latter is the help of the command. The module is imported when a command line is parsed, so
-            that other commands and the list of commands do not import it. None for a parser with subcommands.
+        command: Name of a command, whose module in `cli.commands` adds its arguments by ``add_arguments``, or by
+            `add_experiment_arguments` if there is none, and runs it by ``run``; the docstring of the latter is the help
+            of the command. The module is imported when a command line is parsed, so that other commands and the list of
+            commands do not import it. None for a parser with subcommands.
         options: Keyword arguments of `argparse.ArgumentParser`.
     """
 
-    def __init__(self, *, command: tuple[str, str] | None = None, **options: Any) -> None:
+    def __init__(self, *, command: str | None = None, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
         self._command = command
 
@@ -48,12 +48,11 @@ class Parser(argparse.ArgumentParser):
         """Import the command and add its arguments, unless this has been done."""
         if self._command is None:
             return
-        (module, name), self._command = self._command, None
-        commands, function = importlib.import_module(f"safe_inspect.cli.commands.{module}"), name.replace("-", "_")
-        run = getattr(commands, f"run_{function}")
-        getattr(commands, f"add_{function}_arguments", add_experiment_arguments)(self)
-        self.set_defaults(run=run)
-        self.description, _, example = (inspect.getdoc(run) or "").partition("\n\nExample:\n")
+        name, self._command = self._command, None
+        module = importlib.import_module(f"safe_inspect.cli.commands.{name.replace('-', '_')}")
+        getattr(module, "add_arguments", add_experiment_arguments)(self)
+        self.set_defaults(run=module.run)
+        self.description, _, example = (inspect.getdoc(module.run) or "").partition("\n\nExample:\n")
         self.epilog = f"Example:\n{example}\n\n{EXIT_CODES}\nDocumentation: docs/cli.md#{name}"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

@@ -13,31 +13,28 @@ from safe_inspect.version import __version__
 
 _ABOUT = "Train, evaluate and draw policies, check experiments and safety filters."
 
-#: Module of `cli.commands` and description of each command; the docstring of ``run_NAME`` describes it further.
+#: Description of each command; the docstring of ``run`` in its module of `cli.commands` describes it further.
 _COMMANDS = {
-    "list": ("catalogue", "list tasks, policies, or plugins with their fields, defaults and units"),
-    "validate": ("catalogue", "check an experiment file without loading Ray"),
-    "schema": ("catalogue", "write the JSON schema of a configuration file, for editors"),
-    "train": ("train", "train a policy; the same as python -m safe_inspect.train_rl"),
-    "warm": ("warm", "compile ahead what environments need, for a container image or CI"),
-    "safety": ("safety", "run adversaries against the safety filter and count violations"),
-    "bounds": (
-        "bounds",
-        "print what disturbs the motion that the safety filter assumes, and whether that is tolerated",
-    ),
-    "acceptance": ("safety", "print the share of random initial states that is safe"),
-    "evaluate": ("evaluate", "run episodes of policies and print what they achieve"),
-    "compare": ("evaluate", "compare policies on the same episodes"),
-    "leaderboard": ("leaderboard", "run baselines, trained policies and yours on the same episodes, and write a table"),
-    "baseline": ("baseline", "optimise open-loop plans"),
-    "rendezvous": ("rendezvous", "fly to a point on a tumbling target"),
-    "record-log": ("rendezvous", "record depth images and inertial samples of a simulated tumbling target"),
-    "characterise": ("rendezvous", "estimate from a sensor log how a target tumbles"),
-    "draw": ("figures", "draw an episode: the trajectory and its quantities over time"),
-    "film": ("figures", "write an animation of an episode (GIF or MP4)"),
-    "view": ("figures", "write an episode as an interactive HTML page"),
-    "curves": ("figures", "draw learning curves with bands over training seeds"),
-    "export": ("export", "write a trained policy as an ONNX file"),
+    "list": "list tasks, policies, or plugins with their fields, defaults and units",
+    "validate": "check an experiment file without loading Ray",
+    "schema": "write the JSON schema of a configuration file, for editors",
+    "train": "train a policy; the same as python -m safe_inspect.train_rl",
+    "warm": "compile ahead what environments need, for a container image or CI",
+    "safety": "run adversaries against the safety filter and count violations",
+    "bounds": "print what disturbs the motion that the safety filter assumes, and whether that is tolerated",
+    "acceptance": "print the share of random initial states that is safe",
+    "evaluate": "run episodes of policies and print what they achieve",
+    "compare": "compare policies on the same episodes",
+    "leaderboard": "run baselines, trained policies and yours on the same episodes, and write a table",
+    "baseline": "optimise open-loop plans",
+    "rendezvous": "fly to a point on a tumbling target",
+    "record-log": "record depth images and inertial samples of a simulated tumbling target",
+    "characterise": "estimate from a sensor log how a target tumbles",
+    "draw": "draw an episode: the trajectory and its quantities over time",
+    "film": "write an animation of an episode (GIF or MP4)",
+    "view": "write an episode as an interactive HTML page",
+    "curves": "draw learning curves with bands over training seeds",
+    "export": "write a trained policy as an ONNX file",
 }
 
 
@@ -55,8 +52,8 @@ def command_parser() -> Parser:
     parser = Parser(prog="safe-inspect", description=_ABOUT, epilog=epilog)
     parser.add_argument("--version", action="version", version=f"safe_inspect {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (module, about) in _COMMANDS.items():
-        commands.add_parser(name, help=about, command=(module, name))
+    for name, about in _COMMANDS.items():
+        commands.add_parser(name, help=about, command=name)
     return parser
 
 

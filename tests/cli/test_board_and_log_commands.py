@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import figures, leaderboard, rendezvous
+from safe_inspect.cli import shown_episode
+from safe_inspect.cli.commands import characterise, draw, film, leaderboard, view
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.shipped import shipped_policy
@@ -150,18 +151,20 @@ def test_a_log_is_characterised_and_its_estimate_written(
     typed: Typed, monkeypatch: pytest.MonkeyPatch, here: Path, words: tuple[str, ...], front_end: str, shown: str
 ) -> None:
     used: list[Any] = []
-    monkeypatch.setattr(rendezvous, "read_sensor_log", lambda folder: [folder])
-    monkeypatch.setattr(rendezvous, "check_log", lambda log: ["doubt"])
-    monkeypatch.setattr(rendezvous, "read_target", lambda path: f"target of {path}")
-    monkeypatch.setattr(rendezvous, "PipelineEstimator", lambda front_end: type(front_end).__name__)
+    monkeypatch.setattr(characterise, "read_sensor_log", lambda folder: [folder])
+    monkeypatch.setattr(characterise, "check_log", lambda log: ["doubt"])
+    monkeypatch.setattr(characterise, "read_target", lambda path: f"target of {path}")
+    monkeypatch.setattr(characterise, "PipelineEstimator", lambda front_end: type(front_end).__name__)
     monkeypatch.setattr(
-        rendezvous, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
+        characterise, "estimate_log", lambda log, front, target, _: used.append((front, target)) or "found"
     )
-    monkeypatch.setattr(rendezvous, "estimate_table", lambda summary: f"table of {summary}")
-    monkeypatch.setattr(rendezvous, "summary_of", lambda log, estimate: (log, estimate))
-    monkeypatch.setattr(rendezvous, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate))
-    monkeypatch.setattr(rendezvous, "estimate_figure", lambda log, estimate: "figure")
-    monkeypatch.setattr(rendezvous, "save", lambda figure, path: path.write_text(figure))
+    monkeypatch.setattr(characterise, "estimate_table", lambda summary: f"table of {summary}")
+    monkeypatch.setattr(characterise, "summary_of", lambda log, estimate: (log, estimate))
+    monkeypatch.setattr(
+        characterise, "write_estimate", lambda folder, log, estimate: (folder / "e").write_text(estimate)
+    )
+    monkeypatch.setattr(characterise, "estimate_figure", lambda log, estimate: "figure")
+    monkeypatch.setattr(characterise, "save", lambda figure, path: path.write_text(figure))
     code, out, err = typed("characterise", "log", *words)
     assert (code, out) == (0, f"table of (['log'], 'found')\n{shown}")
     assert err.splitlines()[1] == "warning: doubt"
@@ -181,13 +184,13 @@ class Record(SimpleNamespace):
 def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "m").mkdir()
     (here / "m" / "log.npz").write_text("")
-    monkeypatch.setattr(figures, "read_mission", lambda path: Record(arrays={"t": 0.2 * np.arange(9)}))
-    monkeypatch.setattr(figures, "outcome_of", lambda record: f"{len(record.arrays['t'])} steps")
-    monkeypatch.setattr(figures, "mission_figure", lambda record: record)
-    monkeypatch.setattr(figures, "save", lambda record, path: path.write_text("x" * 1600))
+    monkeypatch.setattr(shown_episode, "read_mission", lambda path: Record(arrays={"t": 0.2 * np.arange(9)}))
+    monkeypatch.setattr(shown_episode, "outcome_of", lambda record: f"{len(record.arrays['t'])} steps")
+    monkeypatch.setattr(draw, "mission_figure", lambda record: record)
+    monkeypatch.setattr(draw, "save", lambda record, path: path.write_text("x" * 1600))
     titles: list[str] = []
-    monkeypatch.setattr(figures, "mission_page", lambda record, title: titles.append(title))
-    monkeypatch.setattr(figures, "save_page", lambda page, path: path.write_text(""))
+    monkeypatch.setattr(view, "mission_page", lambda record, title: titles.append(title))
+    monkeypatch.setattr(view, "save_page", lambda page, path: path.write_text(""))
     assert typed("draw", "m")[:2] == (0, "mission.png: 9 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.4", "--output", "d.svg")[:2] == (0, "d.svg: 3 steps, 2 kB\n")
     assert typed("draw", "m", "--until", "0.2")[:2] == (0, "mission.png: 2 steps, 2 kB\n")
@@ -197,8 +200,8 @@ def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkey
     assert typed("view", "m", "--title", "Mine")[0] == 0
     assert titles == ["Rendezvous m", "Mine"]
     given: list[Any] = []
-    monkeypatch.setattr(figures, "MissionFilm", lambda *film: given.append(film))
-    monkeypatch.setattr(figures, "save_film", lambda film, path, fps, show: path.write_text("x"))
+    monkeypatch.setattr(film, "MissionFilm", lambda *film: given.append(film))
+    monkeypatch.setattr(film, "save_film", lambda film, path, fps, show: path.write_text("x"))
     assert typed("film", "m", "--frames", "3", "--width", "400", "--turn", "9")[:2] == (
         0,
         "mission.gif: 9 steps, 0 kB\n",
@@ -208,11 +211,11 @@ def test_one_mission_is_drawn_filmed_and_viewed(here: Path, typed: Typed, monkey
 
 def test_an_evaluation_of_environments_is_no_mission(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = argparse.Namespace(source=str(here), cfg=None, overrides=[], seed=0, episode=0, command="view")
-    monkeypatch.setattr(figures, "is_evaluation", lambda folder: True)
-    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
-    assert not figures.is_mission_source(arguments)
-    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
+    monkeypatch.setattr(shown_episode, "is_evaluation", lambda folder: True)
+    monkeypatch.setattr(shown_episode, "read_evaluation_record", lambda folder: {"task": {"horizon": 1}})
+    assert not shown_episode.is_mission_source(arguments)
+    monkeypatch.setattr(shown_episode, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
     with pytest.raises(SafeInspectError, match=r"run one of them with `rendezvous --episode N --output FOLDER`$"):
-        figures.is_mission_source(arguments)
+        shown_episode.is_mission_source(arguments)
     arguments.command = "draw"
-    assert figures.is_mission_source(arguments)
+    assert shown_episode.is_mission_source(arguments)

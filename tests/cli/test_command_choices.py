@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from safe_inspect.cli import flights
-from safe_inspect.cli.commands import baseline, leaderboard, rendezvous
+from safe_inspect.cli.commands import baseline, leaderboard, record_log
 from safe_inspect.cli.flights import PilotCandidate, open_pilot
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import SafeInspectError
@@ -132,7 +132,7 @@ def test_frames_are_taken_at_steps_of_control(
         given.append((config.sensors.frame_period, mission, seconds))
         return 17
 
-    monkeypatch.setattr(rendezvous, "record_watch", record)
+    monkeypatch.setattr(record_log, "record_watch", record)
     words = ("record-log", MISSION, "--period", period, "--seconds", "9", "--mission", "3", "--output", "o")
     code, out, err = typed(*words)
     if fits:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from pydantic_core import PydanticUndefined
 
-from safe_inspect.cli.commands import catalogue, export, rendezvous, safety, warm
+from safe_inspect.cli.commands import export, rendezvous, safety, warm
+from safe_inspect.cli.commands import list as catalogue
 from safe_inspect.config.data import configs_root
 from safe_inspect.errors import Problem
 from safe_inspect.plugins.registry import registry

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.cli.commands import figures
+from safe_inspect.cli import shown_episode
+from safe_inspect.cli.commands import curves, draw, film, view
 from safe_inspect.errors import SafeInspectError
 
 Typed = Callable[..., tuple[int, str, str]]
@@ -28,14 +29,14 @@ def test_the_limits_of_a_film(
 ) -> None:
     made: list[Any] = []
     episode = trajectory()
-    monkeypatch.setattr(figures, "_episode", lambda arguments, **_: (episode, "T"))
-    monkeypatch.setattr(figures, "Film", lambda *given: given)
+    monkeypatch.setattr(film, "episode_of", lambda arguments, **_: (episode, "T"))
+    monkeypatch.setattr(film, "Film", lambda *given: given)
 
     def save(film: Any, path: Path, rate: int, _: Any) -> None:
         path.write_bytes(b"x" * 1234)
         made.append((film, str(path), rate))
 
-    monkeypatch.setattr(figures, "save_film", save)
+    monkeypatch.setattr(film, "save_film", save)
     words = ("--frames", str(frames), "--width", str(width), "--fps", str(fps), "--turn", "90")
     code, out, err = typed("film", "inspector", *words)
     if fits:
@@ -61,9 +62,9 @@ def trajectory(points: int = 3) -> Any:
 )
 def test_the_title_of_a_page(typed: Typed, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], title: str) -> None:
     titles: list[str] = []
-    monkeypatch.setattr(figures, "_episode", lambda arguments, **_: (trajectory(0), "its title"))
-    monkeypatch.setattr(figures, "episode_page", lambda episode, title: titles.append(title))
-    monkeypatch.setattr(figures, "save_page", lambda page, path: path.write_text("x" * 2600))
+    monkeypatch.setattr(view, "episode_of", lambda arguments, **_: (trajectory(0), "its title"))
+    monkeypatch.setattr(view, "episode_page", lambda episode, title: titles.append(title))
+    monkeypatch.setattr(view, "save_page", lambda page, path: path.write_text("x" * 2600))
     assert typed("view", "inspector", "--seed", "3", *words)[:2] == (
         0, "episode.html: episode 6, 2.5 min, delta-v 0.750 m/s, 3 kB\n",
     )  # fmt: skip
@@ -81,8 +82,8 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
     config = SimpleNamespace(config=SimpleNamespace(config=SimpleNamespace(env_config=SimpleNamespace(TrialName="T"))))
     opened = SimpleNamespace(spec="spec", policies="policies", experiment=SimpleNamespace(config=config))
     asked: list[Any] = []
-    monkeypatch.setattr(figures, "open_candidates", lambda *given: asked.append(given) or [opened])
-    monkeypatch.setattr(figures, "record_episode", lambda *given: asked.append(given) or Episode(slot=given[2]))
+    monkeypatch.setattr(shown_episode, "open_candidates", lambda *given: asked.append(given) or [opened])
+    monkeypatch.setattr(shown_episode, "record_episode", lambda *given: asked.append(given) or Episode(slot=given[2]))
     given: dict[str, Any] = {
         "source": "inspector",
         "cfg": "c",
@@ -91,19 +92,19 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
         "seed": 5,
         "until": None,
     }
-    episode, title = figures._episode(argparse.Namespace(**given))
+    episode, title = shown_episode.episode_of(argparse.Namespace(**given))
     assert (episode.slot, title, cut) == (4, "inspector, T, episode 4 of seed 5", [])
-    assert asked == [(["inspector"], figures.Wanted("c", ("a=1",))), ("spec", "policies", 4, 5)]
-    assert len(figures._episode(argparse.Namespace(**given | {"until": 2.0}))[0].time) == 2
+    assert asked == [(["inspector"], shown_episode.Wanted("c", ("a=1",))), ("spec", "policies", 4, 5)]
+    assert len(shown_episode.episode_of(argparse.Namespace(**given | {"until": 2.0}))[0].time) == 2
     with pytest.raises(
         SafeInspectError, match=r"^--until 1.5: no step has ended by then; give a later time in seconds$"
     ):
-        figures._episode(argparse.Namespace(**given | {"until": 1.5}))
+        shown_episode.episode_of(argparse.Namespace(**given | {"until": 1.5}))
     (here / "run").mkdir()
     (here / "run" / "trajectories.npz").write_text("")
-    monkeypatch.setattr(figures, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
+    monkeypatch.setattr(shown_episode, "read_trajectories", lambda source: [Episode(slot=2), Episode(slot=7)])
     read = {**given, "source": "run", "cfg": None, "overrides": [], "seed": 0, "episode": 7}
-    assert figures._episode(argparse.Namespace(**read))[1] == "run, episode 7"
+    assert shown_episode.episode_of(argparse.Namespace(**read))[1] == "run, episode 7"
     for change, shown in (
         ({"cfg": "c"}, "run: --cfg has no effect on a recorded episode; remove it"),
         ({"overrides": ["a=1"]}, "run: KEY=VALUE has no effect on a recorded episode; remove it"),
@@ -111,15 +112,15 @@ def test_an_episode_is_flown_or_read_up_to_a_time(monkeypatch: pytest.MonkeyPatc
         ({"episode": 3}, "run: episode 3 is not recorded; the last one is 7"),
     ):
         with pytest.raises(SafeInspectError) as caught:
-            figures._episode(argparse.Namespace(**read | change))
+            shown_episode.episode_of(argparse.Namespace(**read | change))
         assert str(caught.value) == shown
 
 
 def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Any] = []
-    monkeypatch.setattr(figures, "recipes_of", lambda runs, labels: {f"{labels}": [Path(run) for run in runs]})
-    monkeypatch.setattr(figures, "curves_figure", lambda recipes, centre, each: drawn.append((recipes, centre, each)))
-    monkeypatch.setattr(figures, "save", lambda figure, path: None)
+    monkeypatch.setattr(curves, "recipes_of", lambda runs, labels: {f"{labels}": [Path(run) for run in runs]})
+    monkeypatch.setattr(curves, "curves_figure", lambda recipes, centre, each: drawn.append((recipes, centre, each)))
+    monkeypatch.setattr(curves, "save", lambda figure, path: None)
     assert typed("curves", "a", "b", "--label", "x")[:2] == (0, "curves.png: ['x'] (2)\n")
     assert typed("curves", "a", "--centre", "iqm", "--each", "--output", "o.svg")[:2] == (0, "o.svg: [] (1)\n")
     assert [item[1:] for item in drawn] == [("mean", False), ("iqm", True)]
@@ -135,9 +136,9 @@ def test_learning_curves_of_recipes(typed: Typed, monkeypatch: pytest.MonkeyPatc
 def test_folders_without_a_learning_curve_are_left_out(
     typed: Typed, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(figures, "recipes_of", lambda runs, labels: {"x": [Path(run) for run in runs]})
-    monkeypatch.setattr(figures, "curves_figure", lambda recipes, centre, each: None)
-    monkeypatch.setattr(figures, "save", lambda figure, path: None)
+    monkeypatch.setattr(curves, "recipes_of", lambda runs, labels: {"x": [Path(run) for run in runs]})
+    monkeypatch.setattr(curves, "curves_figure", lambda recipes, centre, each: None)
+    monkeypatch.setattr(curves, "save", lambda figure, path: None)
     for name in ("run", "mission"):
         (here / name).mkdir()
     (here / "run" / "progress.csv").write_text("")
@@ -168,24 +169,24 @@ def test_options_that_a_flown_mission_does_not_have(here: Path, name: str, chang
     arguments = argparse.Namespace(
         **{"source": str(here), "cfg": None, "overrides": [], "seed": 0, "episode": 0, "command": "film"} | change
     )
-    assert not figures.is_mission_source(arguments)
+    assert not shown_episode.is_mission_source(arguments)
     (here / name).write_text("")
     if not shown:
-        assert figures.is_mission_source(arguments)
+        assert shown_episode.is_mission_source(arguments)
         return
     with pytest.raises(SafeInspectError) as caught:
-        figures.is_mission_source(arguments)
+        shown_episode.is_mission_source(arguments)
     assert str(caught.value) == f"{here}: {shown}"
 
 
 def test_many_missions_are_drawn_alone(here: Path, monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
-    monkeypatch.setattr(figures, "is_evaluation", lambda folder: True)
-    monkeypatch.setattr(figures, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
+    monkeypatch.setattr(shown_episode, "is_evaluation", lambda folder: True)
+    monkeypatch.setattr(shown_episode, "read_evaluation_record", lambda folder: {"task": {"rendezvous": 1}})
     found = type("Found", (list,), {"team": "team"})([1, 2, 3])
-    monkeypatch.setattr(figures, "read_evaluation", lambda folder: found)
-    monkeypatch.setattr(figures, "ends", lambda team: f"ends of the {team}")
-    monkeypatch.setattr(figures, "campaign_figure", lambda evaluation: evaluation)
-    monkeypatch.setattr(figures, "save", lambda figure, path: path.write_text("x"))
+    monkeypatch.setattr(draw, "read_evaluation", lambda folder: found)
+    monkeypatch.setattr(draw, "ends", lambda team: f"ends of the {team}")
+    monkeypatch.setattr(draw, "campaign_figure", lambda evaluation: evaluation)
+    monkeypatch.setattr(draw, "save", lambda figure, path: path.write_text("x"))
     assert typed("draw", str(here))[:2] == (0, "mission.png: 3 missions, ends of the team\n")
     assert (
         typed("draw", str(here), "--until", "3")[2]

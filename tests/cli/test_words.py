@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.cli import arguments, common, flights
-from safe_inspect.cli.commands import evaluate, figures, leaderboard
+from safe_inspect.cli import arguments, common, flights, shown_episode
+from safe_inspect.cli.commands import leaderboard
 from safe_inspect.cli.common import Parser, parse_arguments, run_command
+from safe_inspect.cli.flight_arguments import sources_of
 from safe_inspect.cli.main import command_parser
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
 from safe_inspect.interrupts import Interrupted
@@ -29,10 +30,10 @@ NUMBERS: dict[Callable[[str], Any], tuple[dict[str, Any], tuple[str, ...], str]]
     ),
     arguments.natural: ({"0": 0, "12": 12}, ("-1", "x", "1.5", ""), "a whole number of at least 0"),
     arguments.positive_number: ({"0.5": 0.5, "3": 3.0}, ("0", "-1", "x", "nan", "inf", ""), "a positive number"),
-    figures._number: (
+    shown_episode._number: (
         {"0": 0, str(2**31 - 1): 2**31 - 1}, ("-1", str(2**31), "x"), "the number of an episode, from 0",
     ),
-    figures._seconds: ({"0.5": 0.5, "1e3": 1000.0}, ("0", "-1", "x", "inf", "nan"), "a time above 0 in seconds"),
+    shown_episode._seconds: ({"0.5": 0.5, "1e3": 1000.0}, ("0", "-1", "x", "inf", "nan"), "a time above 0 in seconds"),
 }  # fmt: skip
 
 
@@ -257,7 +258,7 @@ def test_sources_and_overrides_are_distinguished(monkeypatch: pytest.MonkeyPatch
     found = parse_arguments(
         command_parser(), ["evaluate", "one", "x=1", "one", "a:b", "--policy", "p", "--policy", "p"]
     )
-    assert evaluate._sources(found) == ["one", "a:b", "--policy p"]
+    assert sources_of(found) == ["one", "a:b", "--policy p"]
     assert found.overrides == ["x=1"]
     with pytest.raises(SafeInspectError, match=r"^there is no policy 'c:d'; did you mean `c=d`\?$"):
-        evaluate._sources(parse_arguments(command_parser(), ["evaluate", "c:d"]))
+        sources_of(parse_arguments(command_parser(), ["evaluate", "c:d"]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from random_checkpoint import LEVELS, TEAM, discrete, experiment_of, make_module, save_run, scaled, single_run
 
-from safe_inspect.cli.commands.export import add_export_arguments, run_export
+from safe_inspect.cli.commands import export as command
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
 from safe_inspect.evaluation.onnx_policy import load_onnx
@@ -249,8 +249,8 @@ class TestRefusals:
 
     def command(self, *arguments):
         parser = argparse.ArgumentParser()
-        add_export_arguments(parser)
-        return run_export(parser.parse_args([str(item) for item in arguments]))
+        command.add_arguments(parser)
+        return command.run(parser.parse_args([str(item) for item in arguments]))
 
     def test_the_command_takes_the_newest_checkpoint_of_a_run(self, run, tmp_path, monkeypatch, capsys):
         monkeypatch.chdir(tmp_path)

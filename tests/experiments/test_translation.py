@@ -8,7 +8,7 @@ import sys
 import pytest
 import yaml
 
-from safe_inspect.cli.commands.checked_settings import checked_settings
+from safe_inspect.cli.checked_settings import checked_settings
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune

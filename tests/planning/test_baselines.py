@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.cli.commands.baseline import add_baseline_arguments, run_baseline
+from safe_inspect.cli.commands import baseline
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
@@ -35,8 +35,8 @@ def inspector(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def command(*texts: str) -> int:
     parser = argparse.ArgumentParser()
-    add_baseline_arguments(parser)
-    return run_baseline(parser.parse_intermixed_args(texts))
+    baseline.add_arguments(parser)
+    return baseline.run(parser.parse_intermixed_args(texts))
 
 
 @pytest.mark.parametrize("search", ["inspector", pytest.param("whole", marks=pytest.mark.long)])

@@ -17,7 +17,7 @@ from safe_inspect.evaluation.optimiser import EFFORTS
 _DEFAULT_CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 
 
-def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``baseline``."""
     parser.add_argument("kind", metavar="BASELINE", help="optimiser: open-loop plans made with perfect knowledge")
     add_option(parser, "--cfg", "FILE", "experiment file, or id of a task", default=_DEFAULT_CFG)
@@ -31,7 +31,7 @@ def add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace a file of another task, seed or effort")
 
 
-def run_baseline(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Optimise open-loop plans.
 
     They give the minimum delta-v of each episode with full knowledge of it; `evaluate` runs policies without.

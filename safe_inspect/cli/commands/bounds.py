@@ -23,7 +23,7 @@ _COLUMNS = {
 }  # fmt: skip
 
 
-def run_bounds(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Print what disturbs the motion that the safety filter assumes, and whether that is tolerated.
 
     Orbits, thrusters and estimates declare bounds, which are added up; exits with 1 if the filter needs more.

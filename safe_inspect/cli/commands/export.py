@@ -17,7 +17,7 @@ from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import check_ending
 
 
-def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``export``."""
     checkpoint = "folder of a checkpoint, or of a training run (its newest checkpoint)"
     add_option(parser, "checkpoint", "CHECKPOINT", checkpoint)
@@ -27,7 +27,7 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     add_overrides(parser)
 
 
-def run_export(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Write a trained policy as an ONNX file.
 
     The file contains the network, the normalizers and the configuration.

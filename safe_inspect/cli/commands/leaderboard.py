@@ -35,7 +35,7 @@ from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted,
 from safe_inspect.outputs import check_writable, new_file
 
 
-def add_leaderboard_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``leaderboard``."""
     parser.add_argument(
         "files", nargs="*", type=Path, metavar="FILE", help="YAML file of boards; further files add rows to boards of "
@@ -61,7 +61,7 @@ class _Entry:
     candidate: Candidate | None
 
 
-def run_leaderboard(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Run baselines, trained policies and yours on the same episodes, and write a table.
 
     Rows that have not changed since the last call are not run again.

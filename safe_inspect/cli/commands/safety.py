@@ -1,4 +1,4 @@
-"""The commands ``safe-inspect safety`` and ``safe-inspect acceptance``."""
+"""The command ``safe-inspect safety``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
-from safe_inspect.evaluation.safety_report import acceptance, safety_report
+from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.outputs import check_ending
@@ -21,7 +21,7 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 
 
-def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``safety``."""
     add_experiment_arguments(parser)
     add_option(parser, "--steps", "N", "number of filtered steps", positive, 1_000_000)
@@ -33,14 +33,7 @@ def add_safety_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "--audit", "N", audits, positive)
 
 
-def add_acceptance_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``acceptance``."""
-    add_experiment_arguments(parser)
-    add_option(parser, "--draws", "N", "number of initial states", positive, 100_000)
-    add_option(parser, "--seed", "N", "seed of the draws", seed, 0)
-
-
-def run_safety(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Run adversaries against the safety filter and count violations.
 
     Constraints are checked at the steps and at moments between them; exits with 1 if one was violated.
@@ -85,34 +78,10 @@ def _run_audit(arguments: argparse.Namespace) -> int:
     return 1 if report.violations or report.infeasible else 0
 
 
-def run_acceptance(arguments: argparse.Namespace) -> int:
-    """Print the share of random initial states that is safe.
-
-    It also prints which constraint refuses the others, which of them `alone`, and how many have no backup plan
-    (`recoverable`).
-
-    Example:
-        safe-inspect acceptance configs/translational-inspection/experiment.yml
-    """
-    spec = _load(arguments).spec
-    found = acceptance(spec, arguments.draws, arguments.seed)
-    print(found)
-    disabled = [glue for agent in spec.agents for glue in agent.action_glues if not getattr(glue, "enabled", True)]
-    if disabled and (spec.team_safety is None or not spec.team_safety.enabled):
-        name = type(disabled[0]).registered_name
-        print_error(
-            f"note: only the sampler's constraints are checked, because the filter is off; set "
-            f"{name}.config.enabled=true to reject initial states that the filter cannot keep safe too"
-        )
-    return 0
-
-
-def _load(arguments: argparse.Namespace, *, enabled: bool | None = None) -> Experiment:
-    """Load the experiment, with its safety glue enabled or disabled if requested."""
+def _load(arguments: argparse.Namespace, *, enabled: bool) -> Experiment:
+    """Load the experiment, with its safety glue enabled or disabled."""
     load = partial(load_experiment, arguments.cfg, compute_platform=arguments.compute_platform)
     experiment = load(arguments.overrides)
-    if enabled is None:
-        return experiment
     team = experiment.spec.team_safety
     if team is not None and team.enabled:
         raise ConfigError(

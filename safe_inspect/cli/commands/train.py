@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from safe_inspect.cli.arguments import add_option
-from safe_inspect.cli.commands.checked_settings import checked_settings
+from safe_inspect.cli.checked_settings import checked_settings
 from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.learning import placed
@@ -29,7 +29,7 @@ from safe_inspect.rta.base import SafetyGlue, TeamSafety
 from safe_inspect.rta.constraints.sets import name_of
 
 
-def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``train``."""
     add_experiment_arguments(parser, needed=False)
     output = "parent of the run folder (default: output_path of the experiment)"
@@ -39,7 +39,7 @@ def add_train_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dry-run", action="store_true", help=dry_run)
 
 
-def run_train(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Train a policy; the same as python -m safe_inspect.train_rl.
 
     Progress, checkpoints, progress.csv and TensorBoard logs go to a new run folder.

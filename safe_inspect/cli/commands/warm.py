@@ -16,14 +16,14 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.task_ids import ALL_TASKS
 
 
-def add_warm_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``warm``."""
     parser.add_argument(
         "files", nargs="*", metavar="FILE", help="experiment file, or id of a task (default: all shipped tasks)"
     )
 
 
-def run_warm(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Compile ahead what environments need, for a container image or CI.
 
     Machine code serves the processor that it is compiled on; for others set NUMBA_CPU_NAME=generic for both.

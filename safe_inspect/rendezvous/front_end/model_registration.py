@@ -6,7 +6,6 @@ from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
-from scipy.linalg import eigh
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.rendezvous.depth_camera import DepthCamera
@@ -170,6 +169,8 @@ def _of_exact_normals(
         points: The measured points in B [m], shape (n, 3).
         roughness: Standard deviation s of the errors of the normals along each axis [rad].
     """
+    from scipy.linalg import eigh  # slow to import
+
     axes = np.broadcast_to(np.eye(3), (len(points), 3, 3))
     rows = np.concatenate([np.cross(points[:, None], axes), axes], axis=2)
     total = (np.trace(hessian[3:, 3:]) + 1e-9) * np.einsum("kai,kaj->ij", rows, rows) / len(points)

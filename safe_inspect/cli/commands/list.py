@@ -1,52 +1,34 @@
-"""The commands ``safe-inspect list``, ``validate`` and ``schema``."""
+"""The command ``safe-inspect list``."""
 
 from __future__ import annotations
 
 import argparse
 import inspect
-import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from safe_inspect.cli.arguments import add_option
-from safe_inspect.cli.commands.checked_settings import checked_settings
-from safe_inspect.cli.common import print_doubts
 from safe_inspect.config.data import configs_root
-from safe_inspect.config.experiment import load_experiment, replaced_lists
-from safe_inspect.config.schema import FILES, model_schema
-from safe_inspect.errors import ConfigError, Problem, RegistryError, SafeInspectError, did_you_mean
+from safe_inspect.errors import RegistryError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.policies import BASELINES
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.missions.scenario import check_scenario
-from safe_inspect.outputs import check_writable, new_file
 from safe_inspect.plugins.plugin import Plugin, documented_fields
 from safe_inspect.plugins.registry import registry
-from safe_inspect.rendezvous.experiment import RendezvousConfig, is_rendezvous, load_rendezvous
 from safe_inspect.task_ids import ALL_TASKS, TASK_OVERRIDES, TEAM_TASKS
 
-#: The model of each kind of file with a schema.
-_SCHEMAS: dict[str, type[BaseModel]] = {**FILES, "rendezvous": RendezvousConfig}
 
-
-def add_list_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``list``."""
     kinds = ", ".join(registry.kinds())
     add_option(parser, "kind", "KIND", f"one of: tasks, policies, {kinds} (default: all plugins)", nargs="?")
     add_option(parser, "name", "NAME", "name of one plugin, or dotted path of one of your own", nargs="?")
 
 
-def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``schema``."""
-    add_option(parser, "file", "KIND", f"kind of file, one of: {', '.join(_SCHEMAS)}", default="experiment", nargs="?")
-    add_option(parser, "--output", "FILE", "write the schema to this file (default: print it)", Path)
-
-
-def run_list(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """List tasks, policies, or plugins with their fields, defaults and units.
 
     Without arguments it lists the plugins of every kind.
@@ -88,56 +70,6 @@ def _policies() -> str:
         also = f", also {short[name]}" if name in short else ""
         blocks.append(f"{name}  (scripted{also})\n    {(inspect.getdoc(cls) or '').partition(chr(10))[0]}")
     return "\n".join(blocks)
-
-
-def run_validate(arguments: argparse.Namespace) -> int:
-    """Check an experiment file without loading Ray.
-
-    All mistakes are reported together, each with file, line and a suggestion.
-
-    Example:
-        safe-inspect validate configs/docking/experiment.yml lr=1e-4
-    """
-    if is_rendezvous(arguments.cfg):
-        rendezvous = load_rendezvous(arguments.cfg, arguments.overrides)
-        print_doubts(check_scenario(rendezvous))
-        config = rendezvous.config
-        parts = (config.target, config.tumble, config.planner, config.tracker)
-        print(f"{arguments.cfg} is valid: rendezvous, {', '.join(type(part).__name__ for part in parts)}")
-        return 0
-    experiment = load_experiment(arguments.cfg, arguments.overrides, compute_platform=arguments.compute_platform)
-    checked_settings(experiment)
-    print_doubts(dict.fromkeys(one for one in replaced_lists(experiment.tree) if _is_in(one, arguments.cfg)))
-    agents = ", ".join(f"{agent.name} on {agent.platform}" for agent in experiment.spec.agents)
-    print(f"{arguments.cfg} is valid: {experiment.algorithm}, {agents}")
-    return 0
-
-
-def _is_in(problem: Problem, file: str) -> bool:
-    """Return whether a problem is in a file of the user; the package's own files replace lists on purpose."""
-    location, path = problem.location, Path(file).resolve()
-    is_here = location is not None and Path(location.file).resolve() == path
-    return is_here and not path.is_relative_to(configs_root().resolve())
-
-
-def run_schema(arguments: argparse.Namespace) -> int:
-    """Write the JSON schema of a configuration file, for editors.
-
-    Editors use it for completion and for checks while you type.
-
-    Example:
-        safe-inspect schema agent --output agent.schema.json
-    """
-    if arguments.file not in _SCHEMAS:
-        raise ConfigError(f"there is no kind of file {arguments.file!r}; {did_you_mean(arguments.file, _SCHEMAS)}")
-    text = json.dumps(model_schema(_SCHEMAS[arguments.file]), indent=2, sort_keys=True)
-    if arguments.output is None:
-        print(text)
-        return 0
-    check_writable(arguments.output, [".json"])
-    with new_file(arguments.output) as work:
-        work.write_text(text + "\n", encoding="utf-8")
-    return 0
 
 
 def _catalogue(kind: str | None = None, name: str | None = None) -> str:
