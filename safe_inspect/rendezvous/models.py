@@ -148,6 +148,8 @@ class MissionConfig(Model):
         checkout_limit: Time after which the mission is given up if they have not [s].
         observe: Shortest observation of the target [s].
         observe_limit: Longest observation of the target [s].
+        fly_around: Time of a flight around the target, about z of W, during the observation of a target without a map
+            [s], which shows all of its sides; 0: the chaser holds its position.
         attitude_sigma: Error of the target's axes below which the observation may end [rad].
         rate_sigma: Error of the target's rate below which the observation may end [rad/s].
         durations: Durations of the approach to try, in this order [s].
@@ -185,6 +187,7 @@ class MissionConfig(Model):
     checkout_limit: PositiveDuration = 10.0  # type: ignore[valid-type]
     observe: NonNegativeDuration = 120.0  # type: ignore[valid-type]
     observe_limit: PositiveDuration = 300.0  # type: ignore[valid-type]
+    fly_around: NonNegativeDuration = 0.0  # type: ignore[valid-type]
     attitude_sigma: PositiveAngle = 0.052359878  # type: ignore[valid-type]
     rate_sigma: PositiveAngularRate = 0.001745329  # type: ignore[valid-type]
     durations: Annotated[tuple[PositiveDuration, ...], Field(min_length=1)] = (60.0, 80.0, 45.0)  # type: ignore[valid-type]

@@ -136,16 +136,22 @@ def nothing(context: MissionContext) -> None:
 
 
 def start_observing(context: MissionContext) -> None:
-    """Hold the chaser's current position and observe the target."""
+    """Observe the target from the chaser's current position, or on a flight around it."""
     context.attempts, context.cause = context.attempts + 1, ""
-    context.hold_point = context.estimate.chaser.position.copy()
+    context.hold()
     context.plan_failures = context.bound_failures = 0
     context.following, context.on_approach = None, False
     context.forget_tube()
 
 
+def end_observation(context: MissionContext) -> None:
+    """Hold the position at which the observation ends."""
+    context.hold_point = context.watch_point(context.time)
+
+
 def end_observation_coarse(context: MissionContext) -> None:
     """Continue without the required accuracy and report it."""
+    end_observation(context)
     context.coarse = True
     errors = context.estimate.errors
     context.report("coarse", {"attitude_sigma": errors.attitude, "rate_sigma": errors.rate})

@@ -22,6 +22,7 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.planner.approach import ApproachPlanner
 from safe_inspect.rendezvous.planner.query import ALLOWANCE, Limits, Plan, PlanQuery
+from safe_inspect.rendezvous.poses import rotation_exp
 from safe_inspect.rendezvous.readings import Readings
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -205,7 +206,7 @@ class MissionContext:
         axis: Model of the chaser along one axis.
         tracking_limits: Limits of tracking.
         streams: The random streams of the mission.
-        hold: Tracker without a tube, for everything except an approach.
+        holding: Tracker without a tube, for everything except an approach.
         report: Called with the name and the data of each event.
         readings: The newest readings of the sensors.
         estimate: The newest estimate.
@@ -249,7 +250,7 @@ class MissionContext:
     axis: Axis
     tracking_limits: TrackingLimits
     streams: Streams
-    hold: TrackerRun
+    holding: TrackerRun
     report: Callable[[str, dict[str, Any]], None]
     readings: Readings
     estimate: StateEstimate
@@ -303,6 +304,22 @@ class MissionContext:
         distance = np.linalg.norm(chaser.position - target.position) / np.linalg.norm(self.target.mating_point)
         share = min(max(2.0 - float(distance), 0.0), 1.0)
         return target.position + share * rotate(target.orientation, self.target.landmark)
+
+    def watch_point(self, time: float) -> FloatArray:
+        """Return where the chaser waits at a time [s], in W [m], shape (3,): at `hold_point`, or on its way around."""
+        observes = self.phase in (Phase.CHECKOUT, Phase.OBSERVE)
+        return self._flown_around(self.hold_point, time) if observes else self.hold_point
+
+    def hold(self) -> None:
+        """Hold the position of the chaser, or continue around the target from there while it is observed."""
+        self.hold_point = self._flown_around(self.estimate.chaser.position, -self.time).copy()
+
+    def _flown_around(self, point: FloatArray, time: float) -> FloatArray:
+        """Return a point in W after a flight around the target for a time [s], which may be negative, shape (3,)."""
+        whole, centre = self.config.mission.fly_around, self.estimate.target.position
+        if not whole or self.estimate.mapped is not None:
+            return point
+        return np.asarray(centre + rotation_exp(np.array([0.0, 0.0, 2.0 * np.pi * time / whole])) @ (point - centre))
 
     def use_map(self, target: Target) -> None:
         """Continue with a mapped target; before a tube is known, plans keep at most its mating point's clearance."""

@@ -95,7 +95,7 @@ TABLE: tuple[TableRow, ...] = (
     *(TableRow(state, guards.fault, actions.retreat, Phase.RETREAT) for state in _ACTIVE),
     TableRow(Phase.CHECKOUT, guards.checked_out, actions.start_observing, Phase.OBSERVE),
     TableRow(Phase.CHECKOUT, guards.checkout_too_long, actions.give_up, Phase.DEPART),
-    TableRow(Phase.OBSERVE, guards.observed, actions.nothing, Phase.CHARACTERISE),
+    TableRow(Phase.OBSERVE, guards.observed, actions.end_observation, Phase.CHARACTERISE),
     TableRow(Phase.OBSERVE, guards.observed_at_most, actions.end_observation_coarse, Phase.CHARACTERISE),
     TableRow(Phase.CHARACTERISE, guards.characterised, actions.make_plan, Phase.PLAN),
     TableRow(Phase.CHARACTERISE, guards.may_observe_again, actions.start_observing, Phase.OBSERVE),
@@ -227,7 +227,7 @@ class Pilot:
             axis=axis,
             tracking_limits=TrackingLimits(own.force, own.tracking_speed, limits.keep_in),
             streams=self._streams,
-            hold=LinearFeedback.of_lqr(axis, own.force),
+            holding=LinearFeedback.of_lqr(axis, own.force),
             report=self._report,
             readings=readings,
             estimate=estimate,
@@ -292,14 +292,16 @@ class Pilot:
             return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
         if context.phase is Phase.DEPART:
             return self._push(), np.concatenate([context.motion.position, context.motion.velocity])
-        times = context.time + self._config.mission.step * np.arange(2.0)
-        position, velocity = context.hold_point[None].repeat(2, axis=0), np.zeros((2, 3))
+        times = context.time + self._config.mission.step * np.arange(3.0)
+        position = np.stack([context.watch_point(time) for time in times])
+        velocity = np.diff(position, axis=0) / self._config.mission.step
+        times, position = times[:2], position[:2]
         if context.phase is Phase.RETREAT and context.escape is not None:
             position, velocity = context.escape.at(times)
             position = position + context.estimate.target.position
         tide = tide_of(self._config.mission.mean_motion, times, position - context.estimate.target.position)
         reference = TrackedReference(position, velocity, tide)
-        return context.hold.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
+        return context.holding.step(x, reference, 0), np.concatenate([reference.position[0], reference.velocity[0]])
 
     def _push(self) -> TrackerOutput:
         """Return the force for the rest of a departure's push, limited to what one control step can apply."""

@@ -33,8 +33,9 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLe
 
 #: Standard deviation of the map's origin from the centre of mass [m].
 _CENTRE = 0.03
-#: Misfit of the motion above which no map is made, in standard deviations, and the time until the next attempt [s].
-_LARGEST_MISFIT, _AGAIN = 3.0, 30.0
+#: Misfits of the motion, in standard deviations, above which no map is made of it, and above which registration to a
+#: map has failed that only gives the poses for the next one; and the time until the next attempt [s].
+_LARGEST_MISFIT, _FIRST_MISFIT, _AGAIN = 3.0, 6.0, 30.0
 #: Standard deviation of the surface's attitude above which no map is made [rad], and the longest time without a pose to
 #: the map while frames are registered to it again [s].
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
@@ -156,14 +157,14 @@ class _Found(NamedTuple):
     motion: TargetEstimate
 
     @classmethod
-    def of(cls, pipeline: EstimationPipeline | None) -> _Found | None:
-        """Return what a pipeline has found; None if the motion is not known or does not agree with the poses."""
+    def of(cls, pipeline: EstimationPipeline | None, largest: float = _LARGEST_MISFIT) -> _Found | None:
+        """Return what a pipeline has found; None if the motion is not known or its misfit is above the largest one."""
         if pipeline is None or pipeline.target is None or pipeline.graph is None:
             return None
         motion, graph = pipeline.target, pipeline.graph
         # Axes that are not known, of a nearly spherical inertia for instance, do not move the surface.
         of_surface = largest_sigma(motion.covariance[:3, :3]) ** 2 - motion.axes_sigma**2
-        if motion.misfit > _LARGEST_MISFIT or of_surface > _LARGEST_ATTITUDE**2:
+        if motion.misfit > largest or of_surface > _LARGEST_ATTITUDE**2:
             return None
         return cls(pipeline.motion_poses(), graph.centre_glued, graph.model, motion)
 
@@ -271,7 +272,7 @@ class _MappingEstimatorRun:
         """
         run = self._run
         for estimator in self._to_map:
-            found = _Found.of(run.pipeline)
+            found = _Found.of(run.pipeline, _FIRST_MISFIT)
             if found is None:
                 return None
             model = self._model_of(found)
