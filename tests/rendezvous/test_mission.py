@@ -50,6 +50,23 @@ def test_a_mission_goes_from_start_to_mating_point(flown: MissionResult) -> None
     assert 0.0 < summary["attitude_error"] < np.deg2rad(5.0)
 
 
+def test_a_chaser_flies_around_the_target_while_it_observes_and_stays_where_the_observation_ends() -> None:
+    around = ["mission.fly_around=120 s", "mission.observe=30 s", "chaser.limits.keep_in=[3 m, 3 m, 1 m]"]
+    phases, places = [], []
+    mission = Mission(_load(*_SHORT, *around).config, 2)
+    for _, chaser, _ in mission.steps():
+        phases.append(mission.pilot.context.phase if places else Phase.CHECKOUT)
+        places.append(chaser.position)
+    found = np.array(places)
+    begins, ends = (phases.index(phase) for phase in (Phase.OBSERVE, Phase.PLAN))
+    distance = np.linalg.norm(found[begins:ends], axis=1)
+    assert np.abs(distance - distance[0]).max() < 0.05
+    # In 30 of 120 s it flies a quarter of the circle about z of W.
+    before, after = found[begins] / distance[0], found[ends] / np.linalg.norm(found[ends])
+    np.testing.assert_allclose(after, [-before[1], before[0], 0.0], atol=0.1)
+    assert mission.pilot.arrived
+
+
 def test_the_tube_holds_for_what_the_thrusters_do_from_plan_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """With exact estimates, only noise along the axes of the body moves the chaser off the reference."""
     asked, design = [], TubeTracker.design

@@ -30,7 +30,8 @@ def _flown(overrides: list[str], seconds: float) -> list[tuple[StateEstimate, np
         if readings.command is not None:
             context = mission.pilot.context
             axis, force = context.axis, context.tracking_limits.force
-            context.hold = LinearFeedback(axis, no_tube(1, lqr_gain(axis, 0.3)), force)  # the same gain for any length
+            tracker = LinearFeedback(axis, no_tube(1, lqr_gain(axis, 0.3)), force)
+            context.holding = tracker  # the same gain for any length
             found.append((context.estimate, readings.command.force))
         if readings.time >= seconds:
             break

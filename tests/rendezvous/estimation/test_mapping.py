@@ -37,8 +37,8 @@ def _config(*overrides: str) -> RendezvousConfig:
 
 @pytest.fixture(scope="module")
 def watched() -> list[WatchedFrame]:
-    """Frames of 80 s, in which the default target turns by 400 degrees."""
-    return list(watch(_config(), 0, 80.0))
+    """Frames of 80 s from a fixed point, in which the default target turns by 400 degrees."""
+    return list(watch(_config("mission.fly_around=0 s"), 0, 80.0))
 
 
 def _mapped(frames: Sequence[WatchedFrame]) -> tuple[SurfaceMap, dict[int, np.ndarray]]:
