@@ -17,7 +17,8 @@ from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.missions.truth import pose_in_model
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors
-from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, Station, _Found, _with_offset
+from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, _Found, _with_offset
+from safe_inspect.rendezvous.estimation.station import Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.front_end import model as front_end_module
