@@ -14,6 +14,7 @@ from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
+from safe_inspect.rendezvous.estimation.mapping import START_DISTANCE
 from safe_inspect.rendezvous.experiment import Rendezvous, RendezvousConfig
 from safe_inspect.rendezvous.front_end.model import TYPICAL_RANGE
 from safe_inspect.rendezvous.planner.problem import Path, to_inertial
@@ -150,6 +151,9 @@ def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) ->
     way = math.hypot(*chaser.position) - math.hypot(*target.mating_point)
     # The chaser accelerates as much as it can over half of the distance, and decelerates over the rest.
     reached = math.hypot(*chaser.velocity) * _HOUR + 0.25 * math.sqrt(3.0) * limits.force / chaser.mass * _HOUR**2
+    circle, around = math.hypot(*chaser.position[:2]), config.mission.fly_around
+    speed = 2.0 * math.pi * circle / around if around else 0.0
+    across = math.inf if limits.keep_in is None else min(limits.keep_in[:2])
     moved, turned = 0.5 * step**2 * (limits.force / chaser.mass), 0.5 * step**2 * (limits.torque / min(chaser.inertia))
     during, pushed = f"in a control step of {step:g} s", f"{limits.force:g} N move {chaser.mass:g} kg by"
     checks = (
@@ -160,6 +164,10 @@ def _check_rates(config: RendezvousConfig, target: Target, rates: FloatArray) ->
         (moved <= length, "chaser.mass", "correct it, or chaser.limits.force", f"{pushed} {moved:.2g} m {during}"),
         (turned <= math.pi, "chaser.inertia", "correct it, or chaser.limits.torque",
          f"{limits.torque:g} N m turn it by {math.degrees(turned):.2g} deg {during}"),
+        (speed <= limits.tracking_speed, "mission.fly_around", "take more time",
+         f"the chaser flies around at {speed:.3g} m/s; the tracking speed is {limits.tracking_speed:g} m/s"),
+        (not around or circle <= across, "mission.fly_around", "enlarge chaser.limits.keep_in, or take 0 s",
+         f"a circle of {circle:.3g} m around the target leaves the keep-in box of {across:g} m"),
     )  # fmt: skip
     problems = [Problem(message, path, hint=hint) for fits, path, hint, message in checks if not fits]
     if problems:
@@ -184,8 +192,10 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
     if distance > reach:
         yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
     known = config.estimator.known(target)
-    if known is not target and distance < known.swept_radius + config.chaser.radius:
-        message = f"the ball that is known to contain the target reaches the chaser's start, {distance:.3g} m away"
+    if known is not target and distance < (least := known.swept_radius + config.chaser.radius + START_DISTANCE):
+        message = (
+            f"the chaser starts {distance:.3g} m away, and the ball that contains the target requires {least:.3g} m"
+        )
         yield Problem(message, "estimator.config.radius", hint="lower it, or start farther away")
     front_end = getattr(config.estimator, "front_end", None)
     if isinstance(front_end, ModelFrontEnd):

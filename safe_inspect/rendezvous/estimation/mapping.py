@@ -45,7 +45,7 @@ _BLUR = (2.5, 1.5)
 #: Factor of the deviations from the motion that mean that it has changed: a map is distorted and has holes.
 _TOLERANCE = 4.0
 #: Distance between the chaser at the start and the sphere that contains the target [m].
-_STANDOFF = 0.25
+START_DISTANCE = 0.25
 #: Distance of the mating point from the centre before it is marked [m]: the camera looks at the centre.
 _UNMARKED = 1e-3
 
@@ -199,7 +199,7 @@ class _MappingEstimatorRun:
         if self._station is None:
             assert readings.start is not None, "the first readings contain the chaser's state"
             known = self._context.target.swept_radius + self._context.chaser.radius
-            self._station = Station(readings.start, known + _STANDOFF)
+            self._station = Station(readings.start, known + START_DISTANCE)
         if readings.command is not None:
             force = rotate(chaser.orientation, readings.command.force)
             self._station.advance(force / self._context.chaser.mass, self._context.step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import exp, to_matrix
+from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.mission import Mission
 from safe_inspect.missions.scenario import check_scenario
@@ -195,6 +197,28 @@ def test_a_ball_that_reaches_the_start_is_warned_of() -> None:
     (problem,) = check_scenario(load_rendezvous(_FILE, ["estimator.config.radius=1.4 m"]))
     assert problem.path == "estimator.config.radius"
     assert "start farther away" in problem.hint
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("mission.fly_around=48 s", "the chaser flies around at 0.203 m/s; the tracking speed is 0.2 m/s"),
+        (
+            "chaser.limits.keep_in=[1.5 m, 3 m, 0.8 m]",
+            "a circle of 1.55 m around the target leaves the keep-in box of 1.5 m",
+        ),
+    ],
+)
+def test_a_circle_that_cannot_be_flown_is_refused(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"mission.fly_around: {message}")):
+        check_scenario(load_rendezvous(_FILE, [override]))
+    assert not check_scenario(load_rendezvous(_FILE, [override, "mission.fly_around=0 s"]))
+
+
+def test_a_start_near_the_ball_is_warned_of() -> None:
+    assert not check_scenario(load_rendezvous(_FILE, ["chaser.position=[0 m, -1.54 m, 0 m]"]))
+    (problem,) = check_scenario(load_rendezvous(_FILE, ["chaser.position=[0 m, -1.52 m, 0 m]"]))
+    assert problem.path == "estimator.config.radius"
 
 
 def test_noise_above_what_the_front_end_assumes_is_warned_of() -> None:
