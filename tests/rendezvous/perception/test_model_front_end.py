@@ -392,6 +392,21 @@ def test_the_roughness_of_a_map_does_not_show_how_a_ball_is_turned(streams: Stre
     assert turns[1] < 0.1
 
 
+def test_frames_are_registered_to_a_map_as_to_a_rough_surface_that_may_lack_parts(
+    target: Target, streams: Streams, shoot: Shoot
+) -> None:
+    """Half of what the frame shows is not on it."""
+    truth = spin(1)[0]
+    shown = target.shape.corners[..., 0].mean(axis=1)
+    kept = target.shape.corners[shown < np.quantile(shown, 0.4)]
+    part = replace(target, model=TriangleMesh(kept.reshape(-1, 3), np.arange(3 * len(kept)).reshape(-1, 3)))
+    known, run = (ModelFrontEnd()(FrontEndContext(CAMERA, T_BC, part, streams, poses)) for poses in ({}, {0: truth}))
+    assert known._registration._roughness == 0.0 < run._registration._roughness
+    edges = [edge for number in range(2) for edge in run.step(shoot(truth, number), truth, np.eye(3))]
+    assert len(edges) == 2
+    assert all(edge.inliers < 0.5 and _degrees(truth, edge.pose) < 2.0 for edge in edges)
+
+
 def test_normals_that_err_show_less_than_they_seem_to() -> None:
     random = np.random.default_rng(5)
     normals = random.normal(size=(4000, 3))
