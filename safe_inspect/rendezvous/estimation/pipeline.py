@@ -51,6 +51,8 @@ _LEAST_TIME, _LONGEST = 15.0, 240.0
 _DOUBTFUL = 1.8
 #: Standard deviation of an unknown body's axes above which its motion is searched again [rad].
 _SURE_AXES = 0.2
+#: Ratio of the smallest to the largest moment of inertia below which a fit has ended at a rod.
+_ROD = 0.02
 
 
 def _is_consistent(found: TargetEstimate | None) -> bool:
@@ -211,7 +213,9 @@ class EstimationPipeline:
         model = None if graph.model is None else from_matrix(graph.model[:3, :3])
         before = None
         # The fit from a motion of an unknown body whose axes are not known yet may stay in a wrong minimum.
-        is_sure = self._known.ratios is not None or (known is not None and known.axes_sigma < _SURE_AXES)
+        # From a rod it does: the derivatives vanish there.
+        is_found = known is not None and known.axes_sigma < _SURE_AXES and known.ratios[0] > _ROD
+        is_sure = self._known.ratios is not None or is_found
         if known is not None and is_sure and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
             before = motion_of(known)
         found = self._characterise(history, self._known, before, model)
