@@ -342,6 +342,21 @@ def test_a_motion_is_fitted_every_five_seconds_from_fifteen_on() -> None:
     assert flight.fits[5][3] is None
 
 
+@pytest.mark.parametrize(
+    ("axes", "ratios", "is_start"), [(0.1, (0.3, 0.8), True), (0.3, (0.3, 0.8), False), (0.1, (0.01, 1.0), False)]
+)
+def test_a_motion_of_an_unknown_body_is_a_start_if_its_axes_are_known_and_it_is_no_rod(
+    axes: float, ratios: tuple[float, float], is_start: bool
+) -> None:
+    for known in (None, shape(1.0)):
+        flight = Flight(target=known)
+        flight.see(*np.arange(15.0))
+        flight.graph.model = None
+        flight.pipeline.target = motion(aligned=False, axes_sigma=axes, ratios=np.array(ratios))
+        flight.see(15.0)
+        assert (flight.fits[-1][2] is not None) == (is_start or known is not None)
+
+
 def fitted(
     known: TargetEstimate | None, changed: bool, found: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
