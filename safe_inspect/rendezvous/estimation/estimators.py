@@ -40,6 +40,8 @@ from safe_inspect.types import FloatArray
 #: A motion is first accepted when the standard deviation of its attitude is below this [rad]. A covariance describes
 #: only rotations close to the estimate: fits of a few seconds with strong noise can have the target turn the other way.
 _FIRST_ATTITUDE = np.deg2rad(10.0)
+#: Time before the end of kept readings from which the motion is fitted [s].
+_FITTED = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,12 +245,14 @@ class PipelineEstimatorRun:
     def replay(self, kept: Sequence[Readings], longest: float) -> StateEstimate | None:
         """Return the estimate after readings that were kept; None if no frame gives a pose for a time [s].
 
-        A motion that disagrees with frames is not taken as a change.
+        The motion is only fitted at the end. That it disagrees with frames is not taken as a change.
         """
         estimate = None
         for readings in kept:
             estimate = self.update(readings)
             self.tolerate(np.inf)
+            if self.pipeline is not None:
+                self.pipeline.fitted_from = kept[-1].time - _FITTED
             if readings.time > estimate.updated + longest:
                 return None
         return estimate

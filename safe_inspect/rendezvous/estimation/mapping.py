@@ -34,14 +34,13 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLe
 
 #: Standard deviation of the map's origin from the centre of mass [m].
 _CENTRE = 0.03
-#: Misfits of the motion, in standard deviations, above which no map is made of it, and above which registration to a
-#: map has failed that only gives the poses for the next one; and the time until the next attempt [s].
-_LARGEST_MISFIT, _FIRST_MISFIT, _AGAIN = 3.0, 6.0, 30.0
+#: Misfit of the motion above which no map is made of it, in standard deviations; time until the next attempt [s].
+_LARGEST_MISFIT, _AGAIN = 3.0, 30.0
 #: Standard deviation of the surface's attitude above which no map is made [rad], and the longest time without a pose to
 #: the map while frames are registered to it again [s].
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
-#: Ratios of the noise that is assumed for registration to the first and to the second map to that of the camera.
-_BLUR = (2.5, 1.5)
+#: Ratio of the noise that is assumed for registration to the map to that of the camera: errors of the poses blur a map.
+_BLUR = 1.5
 #: Factor of the deviations from the motion that mean that it has changed: a map is distorted and has holes.
 _TOLERANCE = 4.0
 #: Distance between the chaser at the start and the sphere that contains the target [m].
@@ -53,9 +52,9 @@ _UNMARKED = 1e-3
 class MappingEstimator(StateEstimator):
     """Estimator for a target of unknown shape that maps it during the observation.
 
-    A front end for unknown shapes and a fit of the motion give the poses of the frames, and these a map. The frames are
-    then registered to the map as to a known model, twice: the first time improves the poses for a second map. From then
-    on the estimate comes from registration to this map. The mating point is the one that an operator marks in frames.
+    A front end for unknown shapes and a fit of the motion give the attitudes of the frames, their alignment the
+    positions, and both a map. The frames are then registered to the map as to a known model, and from then on the
+    estimate comes from registration to this map. The mating point is the one that an operator marks in frames.
     It computes in metres, which suits targets of 0.5 to 2 m.
 
     Attributes:
@@ -110,14 +109,14 @@ class _Found(NamedTuple):
     motion: TargetEstimate
 
     @classmethod
-    def of(cls, pipeline: EstimationPipeline | None, largest: float = _LARGEST_MISFIT) -> _Found | None:
-        """Return what a pipeline has found; None if the motion is not known or its misfit is above the largest one."""
+    def of(cls, pipeline: EstimationPipeline | None) -> _Found | None:
+        """Return what a pipeline has found; None if the motion is not known well enough for a map."""
         if pipeline is None or pipeline.target is None or pipeline.graph is None:
             return None
         motion, graph = pipeline.target, pipeline.graph
         # Axes that are not known, of a nearly spherical inertia for instance, do not move the surface.
         of_surface = largest_sigma(motion.covariance[:3, :3]) ** 2 - motion.axes_sigma**2
-        if motion.misfit > largest or of_surface > _LARGEST_ATTITUDE**2:
+        if motion.misfit > _LARGEST_MISFIT or of_surface > _LARGEST_ATTITUDE**2:
             return None
         return cls(pipeline.motion_poses(), graph.centre_glued, graph.model, motion)
 
@@ -148,12 +147,9 @@ class _MappingEstimatorRun:
         odometry = PipelineEstimator(front_end=options.front_end, known_target=False, correlation=correlation)
         back_end = ISAM2BackEnd(model_centre=_CENTRE)
         own = options.model_front_end
-        # Errors of the poses blur a map.
-        blurred = ({"range_sigma": f * own.range_sigma, "range_growth": f * own.range_growth} for f in _BLUR)
-        self._to_map = tuple(
-            PipelineEstimator(front_end=own.model_copy(update=update), back_end=back_end, correlation=correlation)
-            for update in blurred
-        )
+        blurred = {"range_sigma": _BLUR * own.range_sigma, "range_growth": _BLUR * own.range_growth}
+        front_end = own.model_copy(update=blurred)
+        self._to_map = PipelineEstimator(front_end=front_end, back_end=back_end, correlation=correlation)
         self._run = PipelineEstimatorRun(context, odometry)
         noise = (float(options.model_front_end.range_sigma), float(options.model_front_end.range_growth))
         self._surface = SurfaceMap(context.camera, context.T_BC, noise)
@@ -218,29 +214,26 @@ class _MappingEstimatorRun:
         return self._station
 
     def _make_map(self) -> StateEstimate | None:
-        """Make the map from all frames, register them to it, and do so again with the poses that this gives.
+        """Make the map from all frames, and register them to it.
 
         Returns:
             The estimate from the registration to the map; None if it failed.
         """
-        run = self._run
-        for estimator in self._to_map:
-            found = _Found.of(run.pipeline, _FIRST_MISFIT)
-            if found is None:
-                return None
-            model = self._model_of(found)
-            origin = pose(np.eye(3), -found.centre)
-            poses = {number: origin @ T_GB for number, T_GB in found.poses.items()}
-            run = PipelineEstimatorRun(replace(self._context, target=model), estimator, poses)
-            estimate = run.replay(self._readings, _LOST)
-            if estimate is None:
-                return None
-        found = _Found.of(run.pipeline)
-        if found is None or found.model is None:
+        found = _Found.of(self._run.pipeline)
+        if found is None:
+            return None
+        found = found._replace(poses=self._surface.aligned(found.poses, found.motion))
+        model = self._model_of(found)
+        origin = pose(np.eye(3), -found.centre)
+        expected = {number: origin @ T_GB for number, T_GB in found.poses.items()}
+        run = PipelineEstimatorRun(replace(self._context, target=model), self._to_map, expected)
+        estimate = run.replay(self._readings, _LOST)
+        found = None if estimate is None else _Found.of(run.pipeline)
+        if estimate is None or found is None or found.model is None:
             return None
         T_MG, poses = inverse(found.model), found.poses  # noqa: N806
         marks = [move(T_MG @ poses[number], mark[None])[0] for number, mark in self._marks if number in poses]
-        if not marks or estimate is None:
+        if not marks:
             return None
         origin = move(T_MG, found.centre[None])[0]
         mesh = TriangleMesh(model.mesh.vertices - origin, model.mesh.faces)

@@ -76,6 +76,7 @@ class EstimationPipeline:
         measured: The edges that the front end has measured in the newest frame.
         tolerance: Factor of the deviations of frames that mean that the motion has changed; smaller ones are errors of
             the frames. It is infinite if the motion does not change.
+        fitted_from: Time before which the motion is not fitted [s].
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class EstimationPipeline:
         self.updated = 0.0
         self.changed = False
         self.measured: list[Edge] = []
-        self.tolerance = 1.0
+        self.tolerance, self.fitted_from = 1.0, 0.0
         self._step(frame, np.eye(3))
         self._edges += self.measured
 
@@ -153,7 +154,7 @@ class EstimationPipeline:
         self._check_motion(frame.time, edges)
         if self.graph.relative is not None and edges:
             self.updated = frame.time
-        if frame.time >= self._fitted_at + _FIT_PERIOD - 1e-9 and edges:
+        if frame.time >= max(self._fitted_at + _FIT_PERIOD, self.fitted_from) - 1e-9 and edges:
             self._fit(frame.time)
 
     @property

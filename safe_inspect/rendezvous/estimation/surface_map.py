@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.quaternion import conjugate, multiply, to_matrix
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
+from safe_inspect.rendezvous.estimation.alignment import OrientedPoints, aligned_positions
+from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.gicp import prepared_cloud
-from safe_inspect.rendezvous.poses import inverse, move
+from safe_inspect.rendezvous.poses import inverse, move, pose
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.rendezvous.target.solid import PointSolid
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -29,20 +30,8 @@ _LAYER, _LEAST_IN_LAYER = 0.025, 6
 _SPACE, _KNOWN = 0.06, 0.10
 #: Number of frames that must see through a cell of space, and width of the window in which a pixel must see nothing.
 _LEAST_SEEN, _WINDOW = 2, 5
-
-
-class OrientedPoints(NamedTuple):
-    """Points on the surface in one frame, in B.
-
-    Attributes:
-        points: Positions [m], shape (n, 3).
-        normals: Normals towards the camera, shape (n, 3).
-        weights: Inverse variances of their ranges [1/m^2], shape (n,).
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    weights: FloatArray
+#: Time between two frames that are aligned [s]; the errors of those between them are interpolated.
+_PERIOD = 1.0
 
 
 class SurfaceMap:
@@ -78,6 +67,30 @@ class SurfaceMap:
         seen = np.abs(cosine) > _LEAST_COSINE
         sigma = self._noise[0] + self._noise[1] * distance**2 / np.maximum(np.abs(cosine), _LEAST_COSINE)
         return OrientedPoints(cloud.points[seen], normals[seen], sigma[seen] ** -2)
+
+    def aligned(self, poses: dict[int, FloatArray], motion: TargetEstimate) -> dict[int, FloatArray]:
+        """Return the poses with positions for which the points of the frames coincide; see `aligned_positions`.
+
+        Args:
+            poses: T_GB by the number of the frame, in ascending order, shape (4, 4) each.
+            motion: The target's motion, from which the attitudes of the poses are known.
+        """
+        numbers, times = list(poses), np.array([self._frames[number].time for number in poses])
+        R_GW = to_matrix(multiply(motion.q_GT, conjugate(motion.predict(times)[0])))  # noqa: N806
+        chosen: list[int] = []
+        clouds: list[OrientedPoints] = []
+        for index, number in enumerate(numbers):
+            points = self._points[number]
+            if points is not None and (not chosen or times[index] >= times[chosen[-1]] + _PERIOD - 1e-6):
+                chosen.append(index)
+                clouds.append(points)
+        stacked = np.stack(list(poses.values()))
+        axis = self._T_BC[:3, 2]
+        found = aligned_positions(clouds, times[chosen], stacked[chosen], R_GW[chosen], axis)
+        errors = np.einsum("kji,kj->ki", R_GW[chosen], found - stacked[chosen, :3, 3])
+        everywhere = np.stack([np.interp(times, times[chosen], column) for column in errors.T], axis=1)
+        positions = stacked[:, :3, 3] + np.einsum("kij,kj->ki", R_GW, everywhere)
+        return {number: pose(stacked[k, :3, :3], positions[k]) for k, number in enumerate(numbers)}
 
     def mesh(self, poses: dict[int, FloatArray]) -> TriangleMesh:
         """Return the surface in the frame G of the poses.

@@ -12,7 +12,7 @@ from safe_inspect.rendezvous.depth_camera import DepthCamera
 from safe_inspect.rendezvous.front_end.base import Registration
 from safe_inspect.rendezvous.front_end.cleaning import Cloud
 from safe_inspect.rendezvous.front_end.residuals import RangeNoise, add_silhouette, add_surface
-from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log
+from safe_inspect.rendezvous.poses import HALF_TURNS, adjoint, difference, inverse, perturbed, pose, rotation_log, skew
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.rendezvous.target.surface import MeshSurface
 from safe_inspect.types import FloatArray
@@ -171,9 +171,10 @@ def _of_exact_normals(
     """
     from scipy.linalg import eigh  # slow to import
 
-    axes = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-    rows = np.concatenate([np.cross(points[:, None], axes), axes], axis=2)
-    total = (np.trace(hessian[3:, 3:]) + 1e-9) * np.einsum("kai,kaj->ij", rows, rows) / len(points)
+    # The mean of the rows [p x e, e] of all points p and axes e, squared.
+    squares, middle = points.T @ points / len(points), skew(points.mean(axis=0))
+    rows = np.block([[np.trace(squares) * np.eye(3) - squares, middle], [middle.T, np.eye(3)]])
+    total = (np.trace(hessian[3:, 3:]) + 1e-9) * rows
     fractions, directions = eigh(hessian, total)
     shown = np.maximum(fractions - roughness**2 * (1.0 - fractions), 0.0)
     turned = total @ directions
