@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safe_inspect.dynamics.quaternion import exp, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, to_matrix
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.mission import Mission
@@ -20,6 +20,7 @@ from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.missions.truth import pose_in_model
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors
 from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, _Found, _with_offset
+from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.estimation.station import Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
@@ -83,6 +84,43 @@ def test_clearances_of_a_map_are_those_of_the_target_or_lower(watched: list[Watc
     assert np.quantile(excess, 0.98) < 0.01
     assert excess.max() < 0.03
     assert np.median(excess) > -0.03
+
+
+def _true_motion(frames: Sequence[WatchedFrame]) -> TargetEstimate:
+    """Return the true motion, for frames whose G is M."""
+    first, principal = frames[0].target, _target().principal
+    return TargetEstimate(
+        time=0.0,
+        orientation=first.orientation,
+        angular_velocity=first.angular_velocity,
+        ratios=principal[:2] / principal[2],
+        q_GT=from_matrix(_target().R_MT),
+        covariance=np.eye(8),
+        axes_sigma=0.0,
+        observable=True,
+        aligned=True,
+        misfit=1.0,
+        recent_misfit=1.0,
+        singular=(0.1, 0.1),
+    )
+
+
+def test_frames_whose_positions_err_slowly_are_aligned_by_what_they_show(watched: list[WatchedFrame]) -> None:
+    found, true = _mapped(watched)
+    found._points[40] = None  # a frame without points moves with those before and after it
+    times = np.array([one.frame.time for one in watched])
+    inertial = 0.05 * np.sin(times[:, None] / np.array([23.0, 31.0, 41.0]) + np.array([0.0, 1.0, 2.0]))
+    motion = _true_motion(watched)
+    R_GW = to_matrix(multiply(motion.q_GT, conjugate(motion.predict(times)[0])))  # noqa: N806
+    errors = np.einsum("kij,kj->ki", R_GW, inertial)
+    erring = {number: pose(one[:3, :3], one[:3, 3] + errors[number]) for number, one in true.items()}
+    aligned = found.aligned(erring, motion)
+    left = np.array([aligned[number][:3, 3] - one[:3, 3] for number, one in true.items()])
+    left -= left.mean(axis=0)  # frames coincide wherever the origin is
+    assert np.sqrt((errors**2).sum(axis=1).mean()) > 0.05
+    assert np.sqrt((left**2).sum(axis=1).mean()) < 0.006
+    assert np.linalg.norm(left, axis=1).max() < 0.015
+    assert all((aligned[number][:3, :3] == one[:3, :3]).all() for number, one in true.items())
 
 
 def test_what_no_frame_has_seen_is_occupied(watched: list[WatchedFrame]) -> None:

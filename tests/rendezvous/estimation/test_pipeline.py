@@ -15,6 +15,7 @@ from safe_inspect.rendezvous.depth_camera import DepthFrame
 from safe_inspect.rendezvous.estimation import pipeline as module
 from safe_inspect.rendezvous.estimation.change import motion_of
 from safe_inspect.rendezvous.estimation.characteriser import KnownBody
+from safe_inspect.rendezvous.estimation.estimators import PipelineEstimatorRun
 from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import ChaserStart, GraphEstimate, TargetEstimate
 from safe_inspect.rendezvous.inertial_unit import ImuNoise
@@ -355,6 +356,25 @@ def test_a_motion_of_an_unknown_body_is_a_start_if_its_axes_are_known_and_it_is_
         flight.pipeline.target = motion(aligned=False, axes_sigma=axes, ratios=np.array(ratios))
         flight.see(15.0)
         assert (flight.fits[-1][2] is not None) == (is_start or known is not None)
+
+
+def test_frames_that_are_registered_again_are_fitted_at_their_end_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight()
+    flight.see(0.0)
+    run: Any = SimpleNamespace(pipeline=flight.pipeline)
+    run.tolerate = lambda factor: PipelineEstimatorRun.tolerate(run, factor)
+
+    def update(readings: Any) -> Any:
+        flight.see(readings.time)
+        return SimpleNamespace(updated=0.0)
+
+    run.update = update
+    kept: Any = [SimpleNamespace(time=float(second)) for second in range(1, 41)]
+    monkeypatch.setattr(flight.pipeline, "_check_motion", lambda *given: None)
+    PipelineEstimatorRun.replay(run, kept, np.inf)
+    assert [given[0].times[-1] for given in flight.fits] == [30.0, 35.0, 40.0]
+    assert flight.pipeline.tolerance == np.inf
+    assert PipelineEstimatorRun.replay(run, kept, 10.0) is None
 
 
 def fitted(
