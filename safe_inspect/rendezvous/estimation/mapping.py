@@ -12,6 +12,7 @@ from safe_inspect.dynamics.quaternion import rotate, to_matrix
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rendezvous.depth_camera import no_frame
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors, StateEstimate, unknown_estimate
+from safe_inspect.rendezvous.estimation.corner import nearest_corner
 from safe_inspect.rendezvous.estimation.estimators import (
     EstimatorContext,
     PipelineEstimator,
@@ -237,9 +238,11 @@ class _MappingEstimatorRun:
             return None
         origin = move(T_MG, found.centre[None])[0]
         mesh = TriangleMesh(model.mesh.vertices - origin, model.mesh.faces)
-        mating_point = model.R_MT.T @ (np.median(marks, axis=0) - origin)
+        mark = np.median(marks, axis=0) - origin
         solid = self._surface.solid(poses, model.mesh, found.model, origin)
-        self._mapped = _Mapped(Target(solid, mesh, model.inertia, mating_point), origin)
+        # The nearest vertex of a map may be in the middle of a face.
+        corner = nearest_corner(mesh, mark)
+        self._mapped = _Mapped(Target(solid, mesh, model.inertia, model.R_MT.T @ mark, corner=corner), origin)
         self._run = run
         self._run.tolerate(_TOLERANCE)
         self._readings.clear()

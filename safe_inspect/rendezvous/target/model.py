@@ -80,6 +80,7 @@ class Target:
         inertia: Inertia about the centre of mass in M [kg m^2], shape (3, 3); it may be off by a common factor.
         mating_point: Position that the chaser's centre of mass must reach, in T [m], shape (3,).
         model: The surface that the chaser knows, in M; None for that of `mesh`.
+        corner: Where the camera looks near the mating point, in M [m], shape (3,); None for the nearest vertex.
     """
 
     solid: Solid
@@ -87,6 +88,7 @@ class Target:
     inertia: FloatArray
     mating_point: FloatArray
     model: TriangleMesh | None = None
+    corner: FloatArray | None = None
 
     def __post_init__(self) -> None:
         principal_axes(self.inertia)  # Raises an error if no rigid body has this inertia.
@@ -113,7 +115,9 @@ class Target:
 
     @cached_property
     def landmark(self) -> FloatArray:
-        """The vertex nearest to the mating point, in T [m], shape (3,)."""
+        """Where the camera looks near the mating point, in T [m], shape (3,)."""
+        if self.corner is not None:
+            return np.asarray(self.corner @ self.R_MT)
         corners = self.solid.vertices @ self.R_MT
         return np.asarray(corners[np.linalg.norm(corners - self.mating_point, axis=1).argmin()])
 
@@ -121,7 +125,8 @@ class Target:
         """Return the target with all lengths divided by a length [m]; its inertia changes by a common factor."""
         solid, mesh = self.solid.in_units_of(length), self.mesh.in_units_of(length)
         model = None if self.model is None else self.model.in_units_of(length)
-        return Target(solid, mesh, self.inertia, self.mating_point / length, model)
+        corner = None if self.corner is None else self.corner / length
+        return Target(solid, mesh, self.inertia, self.mating_point / length, model, corner)
 
 
 class TargetModel(Plugin):
