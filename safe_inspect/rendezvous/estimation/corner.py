@@ -12,8 +12,7 @@ _RADIUS, _SPACING = 0.06, 0.02
 #: Minimum mean square of the normals along the direction that they show least: a third at the corner of a box, 0 on its
 #: edges and faces, and up to 0.05 on a round or rough surface.
 _LEAST_SHOWN = 0.1
-#: Minimum cosine between the mean normal and the direction to the point, and maximum distance relative to that of the
-#: nearest place.
+#: Minimum share of the surface nearby that faces the point, and maximum distance relative to that of the nearest place.
 _LEAST_FACING, _FARTHEST = 0.2, 2.0
 
 
@@ -36,11 +35,12 @@ def nearest_corner(mesh: TriangleMesh, point: FloatArray) -> FloatArray | None:
     order = np.argsort(distance)
     order = order[distance[order] < _FARTHEST * distance.min()]
     tree = cKDTree(middles)
-    for place, away in zip(places[order], distance[order], strict=True):
+    for place in places[order]:
         around = tree.query_ball_point(place, _RADIUS)
-        total = area[around].sum(axis=0)
-        facing = total @ (point - place) > _LEAST_FACING * away * np.linalg.norm(total)
-        squares = (area[around] / size[around, None]).T @ area[around] / max(size[around].sum(), 1e-12)
-        if facing and np.linalg.eigvalsh(squares)[0] > _LEAST_SHOWN:
+        if not around:
+            continue
+        normals, weights = area[around] / size[around, None], size[around] / size[around].sum()
+        facing = weights[normals @ (point - place) > 0.0].sum()
+        if facing > _LEAST_FACING and np.linalg.eigvalsh((weights * normals.T) @ normals)[0] > _LEAST_SHOWN:
             return np.asarray(place)
     return None
