@@ -21,7 +21,7 @@ from safe_inspect.plugins.functor import build, describe
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.sets import constraint_set
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 from safe_inspect.tasks.inspection.sun import leaves_plane
 
 #: Fields of a simulator that affect nothing but rewards.

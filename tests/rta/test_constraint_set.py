@@ -12,7 +12,7 @@ from safe_inspect.plugins.registry import registry
 from safe_inspect.rta.constraints import Constraint, ConstraintParameters, ConstraintValues, constraint_set
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import RelativeSpeedLimit
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 
 NAMES = ["chief_collision", "rel_vel", "sun", "r_max", "PSM", "x_vel", "y_vel", "z_vel"]
 PEER = {
@@ -115,7 +115,7 @@ def test_building_the_constraints_waits_for_no_compiler():
     code = (
         "import sys; from safe_inspect.rta.constraints import ConstraintParameters; "
         "from safe_inspect.rta.constraints.ranges import ChiefCollision; "
-        "from safe_inspect.rta.constraints.sun import SunKeepOut; "
+        "from safe_inspect.rta.constraints.sun_cone import SunKeepOut; "
         "ChiefCollision.from_parameters(ConstraintParameters()), SunKeepOut(); "
         "sys.exit('numba' in sys.modules or 'scipy' in sys.modules)"
     )

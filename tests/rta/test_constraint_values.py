@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from safe_inspect.rta.constraints import ConstraintParameters, RelativeState, constraint_set
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import AlongTrackSpeed, RadialSpeed, RelativeSpeedLimit
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 
 
 def one(position, velocity=(0.0, 0.0, 0.0), sun_angle=0.0):

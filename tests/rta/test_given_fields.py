@@ -14,7 +14,7 @@ from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, DeputyCollision, DeputyPassiveSafety, constraint_set
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import CrossTrackSpeed, RelativeSpeedLimit
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 from safe_inspect.rta.team.safety_filter import TeamFilter
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"

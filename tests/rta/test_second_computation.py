@@ -16,7 +16,7 @@ from safe_inspect.rta.backup.model import HOLD_PIECES
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.backup.workspace import workspace
 from safe_inspect.rta.constraints.rows import Margins, node
-from safe_inspect.rta.constraints.sun import SUN_KERNELS, SunNumbers
+from safe_inspect.rta.constraints.sun_cone import SUN_KERNELS, SunNumbers
 from safe_inspect.types import FloatArray
 
 from .plain import plain, strict

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from safe_inspect.rta.constraints import RelativeState
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 
 N = 0.001027
 

@@ -17,7 +17,7 @@ from safe_inspect.dynamics.orbit.earth import EARTH_RADIUS
 from safe_inspect.dynamics.orbit.relative_orbit_row import in_inertial_axes
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import ConfigError, SafeInspectError
-from safe_inspect.evaluation.rollouts import EpisodeCollector
+from safe_inspect.evaluation.results.collector import EpisodeCollector
 from safe_inspect.evaluation.task import default_metrics
 from safe_inspect.random.streams import Streams
 from safe_inspect.tasks.inspection.sun import sun_directions

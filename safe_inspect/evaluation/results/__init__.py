@@ -1,1 +1,1 @@
-"""Figures of evaluated episodes: tables, statistics, comparisons and files."""
+"""What evaluated episodes give: collected figures, recorded states, statistics, tables, comparisons and files."""

@@ -232,6 +232,10 @@ class _Batched:
         )
 
     def _sample(self, **options: Any) -> list[Any]:
+        """Return what the learner receives: RLlib's episodes, whole or in pieces, whose fields `rollout._episode` sets.
+
+        With several agents they are a `MultiAgentEpisode` for each environment, otherwise a `SingleAgentEpisode`.
+        """
         with reported(self.config.env_config):
             rollout = self._roll(**options)
         self._count(rollout)

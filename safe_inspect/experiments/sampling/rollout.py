@@ -366,7 +366,11 @@ def multi_agent_episodes(
 def _episode(
     rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: int, spaces: Spaces, **names: Any
 ) -> SingleAgentEpisode:
-    """Return the steps or decisions of one agent in a piece as an episode with the given names."""
+    """Return the steps or decisions of one agent in a piece as an episode with the given names.
+
+    The learner receives T + 1 observations, T actions as they were sampled, T rewards, whether the episode has ended or
+    was cut, and the inputs and log-probabilities of the action distribution; it computes values and advantages itself.
+    """
     track, stop = rollout.tracks[slot.group], span.start + span.length
     part = (slot.member, piece.env, slice(span.start, stop))
     observations: Any = track.observations[slot.member, piece.env, span.start : stop + 1]

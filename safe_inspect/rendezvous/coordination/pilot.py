@@ -139,6 +139,9 @@ def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
 class Pilot:
     """The flight computer of one mission, which computes commands from readings.
 
+    It reads the readings of each step, what its configuration says, and what is known of the target. It never reads
+    the true states, but for the chaser's at the first step (`Readings.start`), the tumble, or the faults to come.
+
     Args:
         config: Configuration of the pilot.
         target: What is known of the target before the mission; a map replaces it.

@@ -159,7 +159,8 @@ class Constraint(Plugin):
         unit: Unit of phi.
         pair: True if the state is that of one deputy relative to another, instead of relative to the chief.
         from_task: Names of the parameters of a task, see `ConstraintParameters`, by the field that takes their value.
-        kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space.
+        kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space: the
+            built-in constraints have these and no `half_space`.
         uncertified: Fields that the certifying filters do not use and reject if given: those of alpha, and a mean
             motion, because the filters use that of the orbit.
 

@@ -237,6 +237,9 @@ def _coasting_values(
 class PassivelySafeManoeuvre(Constraint, name="PSM"):
     """Coasting past the chief: h = phi = (least range over the horizon without thrust) - r_c [m].
 
+    The certifying filters guarantee it over each hold and its backup manoeuvre (`rta/backup/holds.py`), not by kernels
+    of this class.
+
     The least range is taken over all times 0 <= t <= horizon of the closed-form Clohessy-Wiltshire motion. The closest
     approaches are bracketed on a grid of at most 0.1 rad of the orbit and refined by Newton's method, so the horizon
     may be several orbits. By the envelope theorem, the gradient is that of the range at the time of closest approach,

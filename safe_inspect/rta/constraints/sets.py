@@ -19,7 +19,7 @@ from safe_inspect.rta.constraints.base import Constraint
 from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre
 from safe_inspect.rta.constraints.speeds import AlongTrackSpeed, CrossTrackSpeed, RadialSpeed, RelativeSpeedLimit
-from safe_inspect.rta.constraints.sun import SunKeepOut
+from safe_inspect.rta.constraints.sun_cone import SunKeepOut
 
 CERTIFIED: tuple[type[Constraint], ...] = (
     ChiefCollision, RelativeSpeedLimit, SunKeepOut, MaximumRange, PassivelySafeManoeuvre,

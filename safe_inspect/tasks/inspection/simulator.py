@@ -43,7 +43,7 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
     chief_rotation: FreeRotation | None = None
 
     @model_validator(mode="after")
-    def _one_rotation(self) -> InspectionSimulator:
+    def _checked_rotation_and_light(self) -> InspectionSimulator:
         if self.chief_rotation is not None and any(self.chief_angular_velocity):
             raise ValueError("`chief_rotation` and `chief_angular_velocity` exclude each other; remove one of them")
         if self.illumination_params is not None and self.illumination_params.eclipse:
