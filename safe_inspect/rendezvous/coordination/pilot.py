@@ -139,8 +139,8 @@ def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
 class Pilot:
     """The flight computer of one mission, which computes commands from readings.
 
-    It reads the readings of each step, what its configuration says, and what is known of the target. It never reads
-    the true states, but for the chaser's at the first step (`Readings.start`), the tumble, or the faults to come.
+    It reads the readings of each step, its configuration, and what is known of the target before the mission. It reads
+    neither true states (except for the chaser's at the first step, `Readings.start`) nor the faults to come.
 
     Args:
         config: Configuration of the pilot.
