@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -103,7 +103,7 @@ def _pairs(views: FloatArray) -> Iterator[tuple[int, int]]:
 
 
 def _compare(
-    first: OrientedPoints, second: OrientedPoints, tree: object, between: FloatArray, cut: float
+    first: OrientedPoints, second: OrientedPoints, tree: Any, between: FloatArray, cut: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the normal equations of the position of a cloud relative to another one, (3, 3) and (3,), if they overlap.
 
@@ -116,7 +116,7 @@ def _compare(
     """
     chosen = np.linspace(0, len(first.points) - 1, min(_COMPARED, len(first.points))).astype(int)
     moved = first.points[chosen] + between
-    distance, index = tree.query(moved, distance_upper_bound=2.0 * cut)  # type: ignore[attr-defined]
+    distance, index = tree.query(moved, distance_upper_bound=2.0 * cut)
     seen = np.isfinite(distance)
     moved, index, chosen = moved[seen], index[seen], chosen[seen]
     normals = second.normals[index]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-import trimesh
 
 from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.rendezvous.estimation.corner import nearest_corner
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.rendezvous.target.solid import PointSolid
 
+trimesh = pytest.importorskip("trimesh")
 
-def _fine(mesh: trimesh.Trimesh) -> TriangleMesh:
+
+def _fine(mesh: Any) -> TriangleMesh:
     """Return a mesh whose sides are as short as those of a map."""
     vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, 0.02)
     return TriangleMesh(np.asarray(vertices), np.asarray(faces))
