@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from safe_inspect.cli.main import main
 from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, to_matrix
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import R_BC
@@ -207,9 +210,12 @@ def test_nothing_of_the_target_is_known_but_a_ball_that_contains_it() -> None:
 
 
 @pytest.mark.slow
-def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point() -> None:
-    result = Mission(_config(), 0).run()
-    summary, arrays = result.summary, result.log.arrays()
+def test_a_mission_to_an_unknown_target_arrives_at_the_marked_point(tmp_path: Path) -> None:
+    folder = tmp_path / "mission"
+    assert main(["rendezvous", _FILE, "--output", str(folder)]) == 0
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    with np.load(folder / "log.npz") as log:
+        arrays = {name: log[name] for name in ("t", "x")}
     assert summary["success"], summary
     assert summary["least_clearance"] > 0.05
     assert summary["nees"] is None  # the axes of the map are not those of the true inertia
