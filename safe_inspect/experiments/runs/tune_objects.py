@@ -17,8 +17,9 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from ray.tune.schedulers import TrialScheduler
 from ray.tune.search import Searcher
 
+from safe_inspect.errors import ConfigError, Problem
 from safe_inspect.experiments.settings.key_tables import DRAWN, GRID
-from safe_inspect.experiments.settings.objects import built_as, mistake
+from safe_inspect.experiments.settings.objects import built_as
 
 #: Key of the environment's configuration for the number of the trial.
 TRIAL_KEY = "trial"
@@ -57,7 +58,7 @@ def suggestions_of(settings: Mapping[str, Any], searched: Mapping[str, Any]) -> 
     try:
         return Suggestions(made, searched, own.get("metric") or settings["metric"], own.get("mode") or settings["mode"])
     except Exception as error:  # a searcher may raise any kind of error
-        raise mistake(f"{entry['functor']} cannot search: {error}", where) from error
+        raise ConfigError(Problem(f"{entry['functor']} cannot search: {error}", where)) from error
 
 
 def ranking(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,7 +104,7 @@ def _set_up(setup: Callable[..., None], functor: str, where: str, *args: Any, **
     try:
         setup(*args, **keywords)
     except Exception as error:  # a logger may raise any kind of error
-        raise mistake(f"{functor} cannot start: {error}", where) from error
+        raise ConfigError(Problem(f"{functor} cannot start: {error}", where)) from error
 
 
 def _value_of_trial(values: Sequence[Any], config: Mapping[str, Any]) -> Any:

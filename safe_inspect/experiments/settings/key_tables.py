@@ -19,7 +19,7 @@ CHOICE, UNIFORM, LOGUNIFORM, RANDINT = DRAWN = ("choice", "uniform", "loguniform
 EVAL = "eval"
 
 
-def check_value(kind: Any, value: Any) -> tuple[Any, str]:
+def _checked_value(kind: Any, value: Any) -> tuple[Any, str]:
     """Return the value converted to a type, and a message about what is wrong with it (empty if it is valid).
 
     A string that can be read as a number is converted, because YAML reads ``5e-5`` as a string. In a search, such as
@@ -194,7 +194,7 @@ def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> 
             word = next(iter(value))
             problems.append(Problem(f"`{word}` is only supported for the keys of `rllib_configs` themselves", where))
             continue
-        value, mistake = check_value(tables.known[name], value)
+        value, mistake = _checked_value(tables.known[name], value)
         if mistake:
             problems.append(Problem(mistake, where))
         elif isinstance(value, Mapping) and isinstance(settings.get(name), Mapping):

@@ -11,7 +11,7 @@ from safe_inspect.plugins.registry import import_user_module
 _Kind = TypeVar("_Kind")
 
 
-def built(value: Any, where: str) -> Any:
+def _built(value: Any, where: str) -> Any:
     """Return a configuration value in which every `{functor: ..., config: {...}}` is replaced by the object it names.
 
     Args:
@@ -22,21 +22,21 @@ def built(value: Any, where: str) -> Any:
         ConfigError: A class does not exist, or it rejects its `config`.
     """
     if isinstance(value, list):
-        return [built(item, where) for item in value]
+        return [_built(item, where) for item in value]
     if not isinstance(value, Mapping):
         return value
     if "functor" not in value or set(value) - {"functor", "config"}:
-        return {key: built(item, where) for key, item in value.items()}
-    maker = named(str(value["functor"]), where)
-    config = built(value.get("config") or {}, where)
+        return {key: _built(item, where) for key, item in value.items()}
+    maker = _named(str(value["functor"]), where)
+    config = _built(value.get("config") or {}, where)
     try:
         return maker(**config)
     except Exception as error:  # code of the user or of Ray, which may raise any error
-        raise mistake(f"{value['functor']} rejects its `config`: {error}", where) from error
+        raise ConfigError(Problem(f"{value['functor']} rejects its `config`: {error}", where)) from error
 
 
 def built_as(kind: type[_Kind], what: str, entry: Mapping[str, Any], where: str) -> _Kind:
-    """Return the object that `{functor: ..., config: {...}}` names, see `built`.
+    """Return the object that `{functor: ..., config: {...}}` names, in whose `config` such mappings are objects too.
 
     Args:
         kind: The class of which it must be an instance.
@@ -47,13 +47,13 @@ def built_as(kind: type[_Kind], what: str, entry: Mapping[str, Any], where: str)
     Raises:
         ConfigError: The class does not exist, rejects its `config`, or is not of the kind.
     """
-    made = built(entry, where)
+    made = _built(entry, where)
     if not isinstance(made, kind):
-        raise mistake(f"{entry['functor']!r} is not {what}", where)
+        raise ConfigError(Problem(f"{entry['functor']!r} is not {what}", where))
     return made
 
 
-def named(path: str, where: str) -> Callable[..., Any]:
+def _named(path: str, where: str) -> Callable[..., Any]:
     """Return the class or function that a dotted path names.
 
     Raises:
@@ -63,9 +63,9 @@ def named(path: str, where: str) -> Callable[..., Any]:
     try:
         maker = getattr(import_user_module(module), attribute, None)
     except RegistryError as error:
-        raise mistake(str(error), where) from error
+        raise ConfigError(Problem(str(error), where)) from error
     if not callable(maker):
-        raise mistake(f"module {module!r} has no {attribute!r}", where)
+        raise ConfigError(Problem(f"module {module!r} has no {attribute!r}", where))
     return cast(Callable[..., Any], maker)
 
 
@@ -75,12 +75,7 @@ def class_of(kind: type, what: str, path: str, where: str) -> type[Any]:
     Raises:
         ConfigError: There is no such class, or it is not a subclass.
     """
-    found = named(path, where)
+    found = _named(path, where)
     if not isinstance(found, type) or not issubclass(found, kind):
-        raise mistake(f"{path!r} is not {what}", where)
+        raise ConfigError(Problem(f"{path!r} is not {what}", where))
     return found
-
-
-def mistake(message: str, where: str) -> ConfigError:
-    """Return the error for an object that is named at a key."""
-    return ConfigError(Problem(message, where))

@@ -129,7 +129,7 @@ def trial_of(
     """
     values = dict(values)
     seed = sample_seed(values.pop("seed", seed), sample)
-    rllib = translate_rllib({**chosen(mapping, values), "seed": seed}, algorithm)
+    rllib = translate_rllib({**_chosen(mapping, values), "seed": seed}, algorithm)
     return Trial(trial_folder_name(number), rllib, seed, values)
 
 
@@ -150,7 +150,7 @@ def _drawn(value: Mapping[str, Any], generator: np.random.Generator) -> Any:
     return low * (high / low) ** share if word == LOGUNIFORM else low + share * (high - low)
 
 
-def chosen(tree: Any, values: Mapping[str, Any]) -> Any:
+def _chosen(tree: Any, values: Mapping[str, Any]) -> Any:
     """Return a configuration in which each search is replaced by the value of one trial.
 
     Args:
@@ -161,15 +161,15 @@ def chosen(tree: Any, values: Mapping[str, Any]) -> Any:
         return {
             key: values[current_name(str(key))]
             if is_searched(item) and current_name(str(key)) in values
-            else chosen(item, values)
+            else _chosen(item, values)
             for key, item in tree.items()
         }
-    return [chosen(item, values) for item in tree] if isinstance(tree, list) else tree
+    return [_chosen(item, values) for item in tree] if isinstance(tree, list) else tree
 
 
 def experiment_of(experiment: Mapping[str, Any], trial: Trial) -> dict[str, Any]:
     """Return the resolved configuration of one trial of a search, with which the trial can be repeated by itself."""
-    tree: dict[str, Any] = chosen(experiment, trial.values)
+    tree: dict[str, Any] = _chosen(experiment, trial.values)
     task = tree.get("config", {}).get("config")
     if isinstance(task, dict):
         rllib = task.get("rllib_configs") or {"default": {}}
