@@ -56,7 +56,6 @@ from safe_inspect.experiments.modules.saved_policy import (
     TorchHurdle,
     choices_of,
     distribution_of_module,
-    load_arrays,
 )
 from safe_inspect.random.action_draws import NO_NOISE, Categorical, Hurdle, draw_choices, draw_in_rollout
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
@@ -105,7 +104,7 @@ class FreshPolicy(SavedPolicy, DefaultPPOTorchRLModule):  # type: ignore[misc]
                 _last(self.pi).bias[0] = math.log(burns / (1.0 - burns))
             if own.get("initial_weights"):
                 if not self.inference_only:  # a runner gets its weights from the learner
-                    load_arrays(self, starting_weights(own["initial_weights"], own), own["initial_weights"])
+                    self.load_arrays(starting_weights(own["initial_weights"], own), own["initial_weights"])
                 # A checkpoint builds the module again with this config, when the source may no longer exist.
                 self.model_config = {**own, "initial_weights": None}
 
@@ -167,7 +166,7 @@ def build_module(weights: Weights, title: str) -> FreshPolicy | SacPolicy | DqnP
         )
     except Exception as error:  # RLlib raises many kinds of errors for invalid settings
         raise CheckpointError(f"{title}: the policy's settings are damaged ({error})") from None
-    load_arrays(module, weights.arrays, title)
+    module.load_arrays(weights.arrays, title)
     return module
 
 
@@ -231,7 +230,7 @@ class FrozenPolicy(FreshPolicy):
         super().setup()
         own: Any = self.model_config
         if own.get(_SOURCE) and not self.inference_only:  # a runner gets its weights from the learner
-            load_arrays(self, read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
+            self.load_arrays(read_weights(Path(own[_SOURCE])).arrays, own[_SOURCE])
         self.model_config = {key: value for key, value in own.items() if key != _SOURCE}
 
     def _forward_exploration(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:

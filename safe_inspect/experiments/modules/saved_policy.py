@@ -66,18 +66,18 @@ class SavedPolicy(RLModule):  # type: ignore[misc]
                 file.write(content)
         return saved
 
+    def load_arrays(self, arrays: Mapping[str, AnyArray], title: str) -> None:
+        """Load the arrays of a weights file.
 
-def load_arrays(module: Any, arrays: Mapping[str, AnyArray], title: str) -> None:
-    """Load the arrays of a weights file into a module.
-
-    Raises:
-        CheckpointError: The arrays do not match the nets of the module.
-    """
-    try:
-        module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
-    except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise CheckpointError(f"{title}: its weights do not match this policy ({reason})") from None
+        Raises:
+            CheckpointError: The arrays do not match the nets.
+        """
+        module: Any = self  # RLlib's base class does not declare Torch's methods
+        try:
+            module.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
+        except (RuntimeError, ValueError) as error:
+            reason = str(error).strip().splitlines()[-1].strip()
+            raise CheckpointError(f"{title}: its weights do not match this policy ({reason})") from None
 
 
 class SacPolicy(SavedPolicy, DefaultSACTorchRLModule):  # type: ignore[misc]
