@@ -21,7 +21,7 @@ from safe_inspect.environments.registration import load_spec
 _ByAgent = dict[str, Any]
 
 
-class NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
+class _NumericInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]
     """A PettingZoo environment whose infos contain the same numbers after a reset and a step, and no other values.
 
     TorchRL converts infos to tensors, and takes their names from the first reset. Therefore an info contains the
@@ -60,5 +60,5 @@ def team_env(
     Raises:
         ConfigError: The experiment has mistakes.
     """
-    environment = NumericInfos(InspectionParallelEnv(load_spec(cfg, overrides), gamma=gamma))
+    environment = _NumericInfos(InspectionParallelEnv(load_spec(cfg, overrides), gamma=gamma))
     return PettingZooWrapper(environment, **kwargs)

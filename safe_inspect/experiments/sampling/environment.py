@@ -113,7 +113,7 @@ def reported(config: Mapping[str, Any]) -> Iterator[None]:
             del os.environ[CRASH_FOLDER_VARIABLE]
 
 
-class StockEnvironment:
+class _StockEnvironment:
     """Common part of the environments of RLlib's stock runners.
 
     Args:
@@ -168,7 +168,7 @@ class StockEnvironment:
         self.reports = dict(zip(rows.tolist(), reports, strict=True))
 
 
-class TeamMultiAgentEnv(StockEnvironment, MultiAgentEnv):
+class TeamMultiAgentEnv(_StockEnvironment, MultiAgentEnv):
     """One environment, whose controlled agents observe and act in every step until they end.
 
     An agent that has ended does not appear again until the next reset, while the other agents continue.
@@ -178,7 +178,7 @@ class TeamMultiAgentEnv(StockEnvironment, MultiAgentEnv):
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
-        StockEnvironment.__init__(self, config, 1)
+        _StockEnvironment.__init__(self, config, 1)
         self._controlled = AgentsByName(self.team)
         self._places: dict[Any, tuple[int, int]] = self._controlled.places
         self.possible_agents, self.agents = list(self._places), list(self._places)
@@ -230,7 +230,7 @@ class TeamMultiAgentEnv(StockEnvironment, MultiAgentEnv):
         return {agent: rows[0].copy() for agent, rows in self._controlled.split(groups).items() if agent in self.agents}
 
 
-class TrainingEnv(StockEnvironment, _VectorEnv[Any, Any, Any]):
+class TrainingEnv(_StockEnvironment, _VectorEnv[Any, Any, Any]):
     """N environments with one controlled agent; an environment that has ended is reset in the next step.
 
     Args:

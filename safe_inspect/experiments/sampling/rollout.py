@@ -119,7 +119,7 @@ class DecisionTrack(Track):
 
 
 @dataclass(frozen=True)
-class Span:
+class _Span:
     """The part of one agent in a piece.
 
     Attributes:
@@ -136,7 +136,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Piece:
+class _Piece:
     """A part of one environment's episode.
 
     Attributes:
@@ -155,7 +155,7 @@ class Piece:
     stop: int
     begun: int
     episode: int
-    spans: tuple[Span, ...]
+    spans: tuple[_Span, ...]
     finals: Sequence[AnyArray] = ()
 
     @property
@@ -193,7 +193,7 @@ class Rollout:
         wanted: IntArray | None = None,
     ) -> None:
         self.tracks = tuple(self._Track(size, len(begun), steps) for size in sizes)
-        self.pieces: list[Piece] = []
+        self.pieces: list[_Piece] = []
         self.ended: IntArray = np.full(flying.shape, -1, dtype=np.int64)
         self._steps = steps
         self._start: IntArray = np.zeros_like(begun)
@@ -250,8 +250,8 @@ class Rollout:
     def _cut(self, env: int, stop: int, episode: int, finals: Sequence[AnyArray]) -> None:
         starts, lengths = self._parts(env, stop)
         ends = self._terminated[:, env].tolist(), self._truncated[:, env].tolist()
-        spans = tuple(map(Span, starts, lengths, *ends))
-        self.pieces.append(Piece(env, int(self._start[env]), stop, int(self._begun[env]), episode, spans, finals))
+        spans = tuple(map(_Span, starts, lengths, *ends))
+        self.pieces.append(_Piece(env, int(self._start[env]), stop, int(self._begun[env]), episode, spans, finals))
 
     def _parts(self, env: int, stop: int) -> tuple[list[int], list[int]]:
         """Return the index of the first step of each agent in the current piece, and the number of its steps."""
@@ -364,7 +364,7 @@ def multi_agent_episodes(
 
 
 def _episode(
-    rollout: Rollout, slot: AgentSlot, piece: Piece, span: Span, weights: int, spaces: Spaces, **names: Any
+    rollout: Rollout, slot: AgentSlot, piece: _Piece, span: _Span, weights: int, spaces: Spaces, **names: Any
 ) -> SingleAgentEpisode:
     """Return the steps or decisions of one agent in a piece as an episode with the given names.
 
