@@ -157,12 +157,12 @@ def test_a_foreign_folder_among_the_rows_of_a_leaderboard_survives(here, capsys)
 
 def test_a_training_makes_its_own_folder(here, monkeypatch):
     from safe_inspect.cli.commands import train
-    from safe_inspect.experiments.modules.run_folder import create_run_folder
+    from safe_inspect.experiments.modules.run_folder import RunFolder
 
     made = []
 
     def stop(run):
-        made.append(create_run_folder(run.output, run.name).path)
+        made.append(RunFolder.create(run.output, run.name).path)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(train, "train", stop)

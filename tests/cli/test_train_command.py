@@ -115,7 +115,7 @@ def test_a_training_that_continues_takes_the_configuration_of_its_run(
 ) -> None:
     given: list[Any] = []
     monkeypatch.setattr(train, "train", lambda run: given.append(run) or result_of(here))
-    monkeypatch.setattr(train, "open_run_folder", lambda folder: SimpleNamespace(configuration=EXPERIMENT))
+    monkeypatch.setattr(train.RunFolder, "open", lambda folder: SimpleNamespace(configuration=EXPERIMENT))
     assert typed("train", "--resume", "earlier")[0] == 0
     assert given[0].resume == Path("earlier")
     code, _, err = typed("train")

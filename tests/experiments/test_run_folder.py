@@ -12,8 +12,7 @@ from training_values import MAKER
 
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.evaluation.task import differences
-from safe_inspect.experiments.modules import run_folder
-from safe_inspect.experiments.modules.run_folder import digest, learning_configuration
+from safe_inspect.experiments.modules.run_folder import RunFolder, digest, learning_configuration
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.outputs import exclusive
@@ -22,11 +21,11 @@ CONFIGURATION = {"experiment": {"radius": 10.0, "points": [1, 2]}, "rllib_config
 
 
 def record(folder, configuration=None):
-    run_folder.write_run_record(folder, text="a: 1\n", seed=7, configuration=configuration or CONFIGURATION)
+    folder.write_record(text="a: 1\n", seed=7, configuration=configuration or CONFIGURATION)
 
 
 def test_two_runs_of_one_second_have_two_folders(tmp_path):
-    first, second = (run_folder.create_run_folder(tmp_path / "out", "My run/1") for _ in range(2))
+    first, second = (RunFolder.create(tmp_path / "out", "My run/1") for _ in range(2))
     assert first.path != second.path
     assert first.path.parent == tmp_path / "out"
     assert first.path.name.startswith("My-run-1_2")
@@ -37,14 +36,14 @@ def test_a_folder_that_cannot_be_written_is_one_message(tmp_path, monkeypatch, o
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"cannot be written .* --output"):
-        run_folder.create_run_folder(output, "x")
+        RunFolder.create(output, "x")
 
 
 def test_the_record_says_what_was_run(tmp_path):
-    folder = run_folder.create_run_folder(tmp_path, "x")
+    folder = RunFolder.create(tmp_path, "x")
     record(folder)
-    assert run_folder.add_attempt(folder, ["safe-inspect", "train", "a b.yml"]) == 0
-    assert run_folder.add_attempt(folder, [], "checkpoint", 12) == 1
+    assert folder.add_attempt(["safe-inspect", "train", "a b.yml"]) == 0
+    assert folder.add_attempt([], "checkpoint", 12) == 1
     found = json.loads(folder.record.read_text())
     assert found["seed"] == 7
     assert found["safe_inspect"]
@@ -55,12 +54,12 @@ def test_the_record_says_what_was_run(tmp_path):
 
 
 def test_another_configuration_is_refused_with_the_difference(tmp_path):
-    folder = run_folder.create_run_folder(tmp_path, "x")
+    folder = RunFolder.create(tmp_path, "x")
     record(folder)
-    run_folder.check_configuration(folder, json.loads(json.dumps(CONFIGURATION)))
+    folder.check_configuration(json.loads(json.dumps(CONFIGURATION)))
     other = {"experiment": {"radius": 12.0, "points": [1, 3]}, "rllib_configs": {}}
     with pytest.raises(CheckpointError) as caught:
-        run_folder.check_configuration(folder, other)
+        folder.check_configuration(other)
     message = str(caught.value)
     assert "experiment.radius: 10.0 in the run, 12.0 now" in message
     assert "experiment.points[1]: 2 in the run, 3 now" in message
@@ -81,14 +80,14 @@ def test_only_the_place_and_the_length_of_computing_may_change():
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match="not the folder of a training run"):
-        run_folder.open_run_folder(tmp_path)
+        RunFolder.open(tmp_path)
     (tmp_path / "run.json").write_text('{"seed": 1')
     with pytest.raises(CheckpointError, match="damaged"):
-        run_folder.open_run_folder(tmp_path)
+        RunFolder.open(tmp_path)
 
 
 def test_two_processes_cannot_train_in_one_folder(tmp_path):
-    folder = run_folder.create_run_folder(tmp_path, "x")
+    folder = RunFolder.create(tmp_path, "x")
     code = (
         "import sys; from pathlib import Path\n"
         "from safe_inspect.outputs import exclusive\n"
@@ -110,7 +109,7 @@ def test_a_run_whose_record_cannot_be_written_leaves_no_folder(tmp_path, monkeyp
     def full(*_, **__):
         raise OutputError("run.json: the file cannot be written (No space left on device)")
 
-    monkeypatch.setattr(run_folder, "write_run_record", full)
+    monkeypatch.setattr(RunFolder, "write_record", full)
     with pytest.raises(OutputError, match="No space left"):
         train(TrainingRun({}, output=tmp_path, maker=MAKER), io.StringIO())
     assert not list(tmp_path.iterdir())

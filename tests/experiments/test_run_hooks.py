@@ -16,7 +16,7 @@ import pytest
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
 from safe_inspect.experiments.modules.checkpoints import Checkpoint
-from safe_inspect.experiments.modules.run_folder import RunFolder, write_parameters
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import progress, trials, tune_run
 from safe_inspect.experiments.runs.progress import TrainingLog, read_progress
 from safe_inspect.experiments.runs.trials import TrialResult, check_trials, read_trials, trial_table
@@ -104,7 +104,7 @@ def test_each_trial_of_a_search_is_logged_in_a_folder_of_its_own(tmp_path: Path,
         folder.mkdir(parents=True)
         record = {"digest": f"of {folder.name}", "attempts": attempts, "configuration": {}}
         (folder / "run.json").write_text(json.dumps(record))
-    write_parameters(tmp_path / "run" / "trials" / "trial_1", {"lr": 0.01}, 5)
+    RunFolder(tmp_path / "run" / "trials" / "trial_1").write_parameters({"lr": 0.01}, 5)
     monitor.on_trial_start(0, [], trial_of("trial_1"))
     assert monitor.stream.getvalue() == "trial_1  lr 0.01, seed 5\n"  # type: ignore[attr-defined]
     record = json.loads((tmp_path / "run" / "trials" / "trial_1" / "run.json").read_text())
@@ -153,7 +153,7 @@ def test_a_pickle_refers_to_the_monitor_of_the_training(tmp_path: Path, monkeypa
         start(None, config={})
         raise ValueError("by the way")
 
-    monkeypatch.setattr(tune_run.run_folder, "copy_attempt", lambda folder, own: started.append(own.path.name))
+    monkeypatch.setattr(RunFolder, "copy_attempt", lambda own, search: started.append(own.path.name))
     with pytest.raises(ValueError, match="by the way"), monitored(monitor):
         fly()
     assert started == ["kept", "trial_00012", "trial_9"]
@@ -293,7 +293,7 @@ def test_what_came_of_each_trial_is_in_its_folder(tmp_path: Path, monkeypatch: p
     folders = [tmp_path / "trials" / f"trial_{number}" for number in range(2)]
     for number, folder in enumerate(folders):
         folder.mkdir(parents=True)
-        write_parameters(folder, {"lr": number}, 3)
+        RunFolder(folder).write_parameters({"lr": number}, 3)
     (folders[0] / "progress.csv").write_text("iteration,steps,return_mean,success_rate\n1,10,0.5,0.1\n2,20,1.5,\n")
     newest = {folders[0]: Checkpoint(folders[0] / "c", 2), folders[1]: None}
     monkeypatch.setattr(trials, "find_newest", lambda folder: SimpleNamespace(newest=newest[folder]))
@@ -315,8 +315,8 @@ def test_a_trial_is_written_before_it_trains(
 ) -> None:
     written: list[Any] = []
     monkeypatch.setattr(trials, "experiment_of", lambda *given: {"z": 1, "a": list(given[0])})
-    monkeypatch.setattr(trials.run_folder, "learning_configuration", lambda *given: given)
-    monkeypatch.setattr(trials.run_folder, "write_run_record", lambda own, **given: written.append((own.path, given)))
+    monkeypatch.setattr(trials, "learning_configuration", lambda *given: given)
+    monkeypatch.setattr(RunFolder, "write_record", lambda own, **given: written.append((own.path, given)))
     run: Any = SimpleNamespace(text=text, experiment=("whole",))
     settings: Any = SimpleNamespace(policies="policies")
     rllib: Any = SimpleNamespace(settings={"lr": 0.5})
@@ -348,7 +348,7 @@ def test_a_search_is_resumed_with_its_trials(
     for number in range(found):
         folder = tmp_path / "trials" / f"trial_{number}"
         folder.mkdir(parents=True)
-        write_parameters(folder, {}, None)
+        RunFolder(folder).write_parameters({}, None)
     settings: Any = SimpleNamespace(trials=["trial"] * asked, suggested=suggested)
     if refused:
         with pytest.raises(CheckpointError, match="`num_samples`"):

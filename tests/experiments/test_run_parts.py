@@ -51,7 +51,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
             (folder / "run.json").write_text(json.dumps({"configuration": configuration}))
         return folder
 
-    monkeypatch.setattr(trials.run_folder, "read_run_record", lambda run: json.loads(run.record.read_text()))
+    monkeypatch.setattr(trials.RunFolder, "read_record", lambda run: json.loads(run.record.read_text()))
     return make
 
 

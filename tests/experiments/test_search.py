@@ -13,7 +13,7 @@ from training_values import MAKER
 from safe_inspect.config.experiment import build_experiment, load_experiment
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.modules.checkpoints import find_newest
-from safe_inspect.experiments.modules.run_folder import write_parameters
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates, open_source
 from safe_inspect.experiments.runs.training_run import read_settings
 from safe_inspect.experiments.settings.search import experiment_of as experiment_of_trial
@@ -161,7 +161,7 @@ def search(tmp_path_factory):
     trials = [folder / "trials" / f"trial_{number:05d}" for number in range(2)]
     for trial, lr in zip(trials, (1e-4, 1e-3), strict=True):
         trial.mkdir(parents=True)
-        write_parameters(trial, {"lr": lr}, 3)
+        RunFolder(trial).write_parameters({"lr": lr}, 3)
         for name in ("experiment.resolved.yml", "run.json"):
             shutil.copy(folder / name, trial)
     shutil.move(checkpoint, trials[0])

@@ -19,7 +19,7 @@ from safe_inspect.config.learning import placed
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import ConfigError, SafeInspectError
-from safe_inspect.experiments.modules.run_folder import open_run_folder
+from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
 from safe_inspect.experiments.runs.trials import recipes_of, trial_table
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     cfg = arguments.cfg
     if cfg is None and arguments.resume is not None:
-        cfg = open_run_folder(arguments.resume).configuration
+        cfg = RunFolder.open(arguments.resume).configuration
     if cfg is None:
         raise ConfigError("no experiment: give an experiment file with --cfg, or an earlier run's folder with --resume")
     experiment = load_experiment(cfg, arguments.overrides, compute_platform=arguments.compute_platform)

@@ -31,7 +31,7 @@ from safe_inspect.config.elements import ObservedElement, difference_of
 from safe_inspect.errors import CheckpointError, did_you_mean
 from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
-from safe_inspect.experiments.modules.run_folder import PARAMETERS, RunFolder, parameters_text, read_parameters
+from safe_inspect.experiments.modules.run_folder import PARAMETERS, RunFolder, parameters_text
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
 from safe_inspect.version import __version__
@@ -217,7 +217,7 @@ def _check_one_trial(folder: Path) -> None:
     """Raise CheckpointError for a folder with several trials, as its newest checkpoint could be that of any trial."""
     trials = sorted(path.parent for path in folder.glob(f"**/{PARAMETERS}"))
     if len(trials) > 1:
-        lines = "\n".join(f"  {path}  {parameters_text(read_parameters(path))}" for path in trials)
+        lines = "\n".join(f"  {path}  {parameters_text(RunFolder(path).read_parameters())}" for path in trials)
         text = f"this is a search with {len(trials)} trials; give the folder of one of them"
         raise CheckpointError(f"{folder}: {text}:\n{lines}")
 

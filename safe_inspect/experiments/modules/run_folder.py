@@ -91,12 +91,13 @@ def _short_text(value: Any) -> str:
 
 
 class RunFolder:
-    """Paths of the files in the folder of a run.
+    """The folder of a run, or of a trial of a search.
 
     Attributes:
         path: The folder.
         configuration: The resolved configuration.
         record: The record of the run: version, commit, seed, attempts.
+        parameters: The searched values of a trial and its seed; runs have no such file.
         progress: The learning curve.
         tune: Tune's folder, which contains one folder for each attempt.
         trials: Tune's folder of a search, which contains one folder for each trial.
@@ -108,142 +109,155 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.configuration, self.record = path / "experiment.resolved.yml", path / "run.json"
+        self.parameters = path / PARAMETERS
         self.progress, self.failure = path / "progress.csv", path / "failure.json"
         self.tune, self.trials = path / "tune", path / "trials"
         self.compiling_note, self.ray_note = path / ".compiling", path / ".ray"
 
+    @classmethod
+    def create(cls, output: str | os.PathLike[str], name: str) -> RunFolder:
+        """Create a new folder in `output`, named after the experiment and the time.
 
-def create_run_folder(output: str | os.PathLike[str], name: str) -> RunFolder:
-    """Create a new folder in `output`, named after the experiment and the time.
-
-    Raises:
-        OutputError: The folder cannot be created or written.
-    """
-    parent = Path(output).expanduser().absolute()
-    stem = f"{_file_name(name)}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        for number in range(1, 1000):
-            path = parent / (stem if number == 1 else f"{stem}_{number}")
-            try:
-                path.mkdir()
-            except FileExistsError:
-                continue
-            return RunFolder(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
+        Raises:
+            OutputError: The folder cannot be created or written.
+        """
+        parent = Path(output).expanduser().absolute()
+        stem = f"{_file_name(name)}_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+        try:
+            parent.mkdir(parents=True, exist_ok=True)
+            for number in range(1, 1000):
+                path = parent / (stem if number == 1 else f"{stem}_{number}")
+                try:
+                    path.mkdir()
+                except FileExistsError:
+                    continue
+                return cls(path)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(
+                f"{parent}: the output folder cannot be written ({reason}); give another with --output"
+            ) from error
         raise OutputError(
-            f"{parent}: the output folder cannot be written ({reason}); give another with --output"
-        ) from error
-    raise OutputError(f"{parent}: there are already a thousand runs named {stem}; give another folder with --output")
+            f"{parent}: there are already a thousand runs named {stem}; give another folder with --output"
+        )
 
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> RunFolder:
+        """Return the folder of an earlier run.
 
-def open_run_folder(path: str | os.PathLike[str]) -> RunFolder:
-    """Return the folder of an earlier run.
+        Raises:
+            CheckpointError: It is not the folder of a run, or its record is damaged.
+        """
+        folder = cls(Path(path).expanduser().absolute())
+        if not folder.record.is_file():
+            hint = "give the folder that contains run.json and experiment.resolved.yml"
+            raise CheckpointError(f"{path}: this is not the folder of a training run; {hint}")
+        folder.read_record()
+        return folder
 
-    Raises:
-        CheckpointError: It is not the folder of a run, or its record is damaged.
-    """
-    folder = RunFolder(Path(path).expanduser().absolute())
-    if not folder.record.is_file():
-        hint = "give the folder that contains run.json and experiment.resolved.yml"
-        raise CheckpointError(f"{path}: this is not the folder of a training run; {hint}")
-    read_run_record(folder)
-    return folder
+    def write_record(self, *, text: str, seed: int, configuration: Mapping[str, Any]) -> None:
+        """Write the resolved configuration and `run.json` of a new run.
 
+        Args:
+            text: The resolved configuration, as YAML.
+            seed: The seed of the run.
+            configuration: The configuration that a resumed run must have too, from `learning_configuration`.
+        """
+        with new_file(self.configuration, _HINT) as work:
+            work.write_text(text, encoding="utf-8")
+        self._update(
+            {
+                "safe_inspect": __version__,
+                "git_commit": git_commit(),
+                "python": platform.python_version(),
+                "seed": seed,
+                "digest": digest(configuration),
+                "attempts": [],
+                "configuration": configuration,
+            }
+        )
 
-def write_run_record(folder: RunFolder, *, text: str, seed: int, configuration: Mapping[str, Any]) -> None:
-    """Write the resolved configuration and `run.json` of a new run.
+    def read_record(self) -> dict[str, Any]:
+        """Return the content of `run.json`.
 
-    Args:
-        folder: The new folder.
-        text: The resolved configuration, as YAML.
-        seed: The seed of the run.
-        configuration: The configuration that a resumed run must have too, from `learning_configuration`.
-    """
-    with new_file(folder.configuration, _HINT) as work:
-        work.write_text(text, encoding="utf-8")
-    _write_json(
-        folder.record,
-        {
-            "safe_inspect": __version__,
-            "git_commit": git_commit(),
-            "python": platform.python_version(),
-            "seed": seed,
-            "digest": digest(configuration),
-            "attempts": [],
-            "configuration": configuration,
-        },
-    )
+        Raises:
+            CheckpointError: The file is damaged.
+        """
+        try:
+            record: dict[str, Any] = json.loads(self.record.read_text(encoding="utf-8"))
+            record["digest"], record["attempts"], record["configuration"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise CheckpointError(f"{self.record}: the record of the run is damaged ({error})") from error
+        return record
 
+    def _update(self, record: Mapping[str, Any]) -> None:
+        with new_file(self.record, _HINT) as work:
+            work.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
 
-def read_run_record(folder: RunFolder) -> dict[str, Any]:
-    """Return the content of `run.json`.
+    def add_attempt(self, command: Sequence[str], continued_from: str = "", iteration: int = 0) -> int:
+        """Record in `run.json` that a training starts, and return the number of the attempt, from 0.
 
-    Raises:
-        CheckpointError: The file is damaged.
-    """
-    try:
-        record: dict[str, Any] = json.loads(folder.record.read_text(encoding="utf-8"))
-        record["digest"], record["attempts"], record["configuration"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{folder.record}: the record of the run is damaged ({error})") from error
-    return record
+        Args:
+            command: The command line; by default that of this process.
+            continued_from: Path of the checkpoint from which the training continues; empty without one.
+            iteration: The iteration of that checkpoint.
+        """
+        record = self.read_record()
+        record["attempts"].append(
+            {
+                "started": datetime.now().astimezone().isoformat(timespec="seconds"),
+                "command": shlex.join(command or sys.argv),
+                "host": platform.node(),
+                "continued_from": continued_from,
+                "iteration": iteration,
+            }
+        )
+        self._update(record)
+        return len(record["attempts"]) - 1
 
+    def copy_attempt(self, search: RunFolder) -> None:
+        """Copy the newest attempt of a search into the `run.json` of this trial, which starts."""
+        record = self.read_record()
+        record["attempts"].append(search.read_record()["attempts"][-1])
+        self._update(record)
 
-def add_attempt(folder: RunFolder, command: Sequence[str], continued_from: str = "", iteration: int = 0) -> int:
-    """Record in `run.json` that a training starts, and return the number of the attempt, from 0.
+    def check_configuration(self, configuration: Mapping[str, Any]) -> None:
+        """Check that a run to resume has the given configuration.
 
-    Args:
-        folder: The run's folder.
-        command: The command line; by default that of this process.
-        continued_from: Path of the checkpoint from which the training continues; empty without one.
-        iteration: The iteration of that checkpoint.
-    """
-    record = read_run_record(folder)
-    record["attempts"].append(
-        {
-            "started": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "command": shlex.join(command or sys.argv),
-            "host": platform.node(),
-            "continued_from": continued_from,
-            "iteration": iteration,
-        }
-    )
-    _write_json(folder.record, record)
-    return len(record["attempts"]) - 1
+        Raises:
+            CheckpointError: The configuration differs; the message lists the differences.
+        """
+        record = self.read_record()
+        if record["digest"] == digest(configuration):
+            return
+        found = [
+            f"  {path}: {_short_text(old)} in the run, {_short_text(new)} now"
+            for path, old, new in differences(record["configuration"], configuration, missing=_MISSING)
+        ]
+        shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
+        raise CheckpointError(
+            f"{self.path}: the run has another configuration, so it cannot be resumed with this one:\n{shown}\n"
+            "resume it without --cfg and overrides, or start a new run"
+        )
 
+    def write_parameters(self, values: Mapping[str, Any], seed: int | None) -> None:
+        """Write the searched values of a trial and its seed."""
+        self.parameters.write_text(json.dumps({**values, "seed": seed}, indent=2) + "\n", encoding="utf-8")
 
-def copy_attempt(folder: RunFolder, own: RunFolder) -> None:
-    """Copy the newest attempt of a search into the `run.json` of a trial that starts.
+    def read_parameters(self) -> dict[str, Any]:
+        """Return the searched values of a trial and its seed.
 
-    Args:
-        folder: Folder of the search.
-        own: Folder of the trial.
-    """
-    record = read_run_record(own)
-    record["attempts"].append(read_run_record(folder)["attempts"][-1])
-    _write_json(own.record, record)
+        Raises:
+            CheckpointError: The values cannot be read.
+        """
+        try:
+            return dict(json.loads(self.parameters.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            raise CheckpointError(f"{self.parameters}: the values of the trial cannot be read ({error})") from error
 
-
-def check_configuration(folder: RunFolder, configuration: Mapping[str, Any]) -> None:
-    """Check that a run to resume has the given configuration.
-
-    Raises:
-        CheckpointError: The configuration differs; the message lists the differences.
-    """
-    record = read_run_record(folder)
-    if record["digest"] == digest(configuration):
-        return
-    found = [
-        f"  {path}: {_short_text(old)} in the run, {_short_text(new)} now"
-        for path, old, new in differences(record["configuration"], configuration, missing=_MISSING)
-    ]
-    shown = "\n".join(found[:8]) + ("\n  ..." if len(found) > 8 else "")
-    raise CheckpointError(
-        f"{folder.path}: the run has another configuration, so it cannot be resumed with this one:\n{shown}\n"
-        "resume it without --cfg and overrides, or start a new run"
-    )
+    def trial_folders(self) -> list[RunFolder]:
+        """Return the folders of the trials of a search; empty for a run without a search."""
+        return [RunFolder(path.parent) for path in sorted(self.trials.glob(f"*/{PARAMETERS}"))]
 
 
 def git_commit() -> str | None:
@@ -263,35 +277,8 @@ def git_commit() -> str | None:
     return f"{commit}+" if commit and git("status", "--porcelain", "--untracked-files=no", "--", "..") else commit
 
 
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    with new_file(path, _HINT) as work:
-        work.write_text(json.dumps(content, indent=2, default=str) + "\n", encoding="utf-8")
-
-
 def _file_name(name: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".-") or "run"
-
-
-def write_parameters(folder: Path, values: Mapping[str, Any], seed: int | None) -> None:
-    """Write the searched values of a trial and its seed."""
-    (folder / PARAMETERS).write_text(json.dumps({**values, "seed": seed}, indent=2) + "\n", encoding="utf-8")
-
-
-def read_parameters(folder: Path) -> dict[str, Any]:
-    """Return the searched values of a trial and its seed.
-
-    Raises:
-        CheckpointError: The values cannot be read.
-    """
-    try:
-        return dict(json.loads((folder / PARAMETERS).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise CheckpointError(f"{folder / PARAMETERS}: the values of the trial cannot be read ({error})") from error
-
-
-def trial_folders(folder: Path) -> list[Path]:
-    """Return the folders of the trials of a search, given the folder of its run; empty for a run without a search."""
-    return sorted(path.parent for path in folder.glob(f"trials/*/{PARAMETERS}"))
 
 
 def parameters_text(parameters: Mapping[str, Any]) -> str:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.experiments.modules import run_folder
 from safe_inspect.experiments.modules.checkpoints import SEAL, Checkpoint, find_newest
 from safe_inspect.experiments.modules.run_folder import RunFolder, digest, learning_configuration
 from safe_inspect.experiments.runs import cluster
@@ -77,7 +76,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         raise ConfigError(settings.problems)
     learning = learning_configuration(run.experiment, settings.rllib.settings, settings.policies)
     if run.resume is not None:
-        run_folder.check_configuration(run_folder.open_run_folder(run.resume), learning)
+        RunFolder.open(run.resume).check_configuration(learning)
     else:
         check_parent(Path(run.output))
     started = time.monotonic()
@@ -148,18 +147,18 @@ def _open(
 ) -> tuple[RunFolder, Checkpoint | None]:
     """Create and lock the run's folder; for a resumed run, open it and find the checkpoint to continue from."""
     if run.resume is None:
-        folder = run_folder.create_run_folder(run.output, run.name)
+        folder = RunFolder.create(run.output, run.name)
         stack.enter_context(exclusive(folder.path, "training in"))
         seed = settings.trials[0].seed or 0
         try:
-            run_folder.write_run_record(folder, text=run.text, seed=seed, configuration=learning)
+            folder.write_record(text=run.text, seed=seed, configuration=learning)
             for trial in () if settings.single or settings.suggested else settings.trials:
                 write_trial(folder, run, settings, trial)
         except OutputError:
             shutil.rmtree(folder.path, ignore_errors=True)
             raise
         return folder, None
-    folder = run_folder.open_run_folder(run.resume)
+    folder = RunFolder.open(run.resume)
     stack.enter_context(exclusive(folder.path, "training in"))
     if not settings.single:
         check_trials(folder, settings)

@@ -22,9 +22,15 @@ from typing import Any
 import yaml
 
 from safe_inspect.errors import CheckpointError, OutputError, SafeInspectError
-from safe_inspect.experiments.modules import run_folder
 from safe_inspect.experiments.modules.checkpoints import find_newest
-from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text, trial_folders, value_text, without
+from safe_inspect.experiments.modules.run_folder import (
+    RunFolder,
+    digest,
+    learning_configuration,
+    parameters_text,
+    value_text,
+    without,
+)
 from safe_inspect.experiments.runs.progress import read_progress
 from safe_inspect.experiments.runs.training_run import Settings, TrainingRun
 from safe_inspect.experiments.settings.search import Trial, experiment_of
@@ -70,14 +76,14 @@ def write_trial(folder: RunFolder, run: TrainingRun, settings: Settings, trial: 
         f"# {trial.name} of a search: {parameters_text({**trial.values, 'seed': trial.seed})}",
         yaml.safe_dump(experiment, sort_keys=False, width=120),
     ]
-    learning = run_folder.learning_configuration(experiment, trial.rllib.settings, settings.policies)
+    learning = learning_configuration(experiment, trial.rllib.settings, settings.policies)
     try:
         # The folder exists if a run was killed before this suggested trial had started.
         own.path.mkdir(parents=True, exist_ok=True)
-        run_folder.write_parameters(own.path, trial.values, trial.seed)
+        own.write_parameters(trial.values, trial.seed)
     except OSError as error:
         raise OutputError(f"{own.path}: the folder of the trial cannot be written ({error.strerror})") from error
-    run_folder.write_run_record(own, text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
+    own.write_record(text="\n".join(lines), seed=trial.seed or 0, configuration=learning)
 
 
 def check_trials(folder: RunFolder, settings: Settings) -> None:
@@ -86,7 +92,7 @@ def check_trials(folder: RunFolder, settings: Settings) -> None:
     Raises:
         CheckpointError: The run has another number of trials.
     """
-    found = len(trial_folders(folder.path))
+    found = len(folder.trial_folders())
     if found != len(settings.trials) and not (settings.suggested and found < len(settings.trials)):
         raise CheckpointError(
             f"{folder.path}: the search has {found} trials, but this experiment requires {len(settings.trials)}; "
@@ -96,15 +102,15 @@ def check_trials(folder: RunFolder, settings: Settings) -> None:
 
 def read_trials(folder: RunFolder) -> tuple[TrialResult, ...]:
     """Return the results of the trials of a search."""
-    return tuple(_read(path) for path in trial_folders(folder.path))
+    return tuple(map(_read, folder.trial_folders()))
 
 
-def _read(folder: Path) -> TrialResult:
-    last = next(reversed(read_progress(RunFolder(folder).progress)), {})
-    newest = find_newest(folder).newest
+def _read(folder: RunFolder) -> TrialResult:
+    last = next(reversed(read_progress(folder.progress)), {})
+    newest = find_newest(folder.path).newest
     return TrialResult(
-        folder,
-        run_folder.read_parameters(folder),
+        folder.path,
+        folder.read_parameters(),
         int(last.get("iteration", 0)),
         int(last.get("steps", 0)),
         last.get("return_mean", math.nan),
@@ -182,7 +188,7 @@ def recipes_of(folders: Sequence[str | os.PathLike[str]], labels: Sequence[str] 
         return _together((label, path) for label, paths in zip(labels, files, strict=True) for path in paths)
     runs = [path for folder in folders for path in _progress_files(folder)]
     configurations = [_configuration(path) for path in runs]
-    keys = [run_folder.digest(configuration) for configuration in configurations]
+    keys = [digest(configuration) for configuration in configurations]
     found = _together(zip(keys, runs, strict=True))
     first = [keys.index(key) for key in found]
     if labels and len(labels) != len(found):
@@ -206,7 +212,7 @@ def _configuration(progress: Path) -> Mapping[str, Any]:
     run = RunFolder(progress.parent)
     if not run.record.is_file():
         return {"name": _stem(progress)}
-    configuration: Mapping[str, Any] = without(run_folder.read_run_record(run)["configuration"], {"seed"})
+    configuration: Mapping[str, Any] = without(run.read_record()["configuration"], {"seed"})
     return configuration
 
 

@@ -23,7 +23,6 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules import run_folder
 from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
 from safe_inspect.experiments.modules.policy import check_frozen
 from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text
@@ -82,8 +81,8 @@ class Monitor(tune.Callback, tune.Stopper):
             return
         name = _trial_name(trial)
         own = RunFolder(self.folder.trials / name)
-        run_folder.copy_attempt(self.folder, own)
-        print(f"{name}  {parameters_text(run_folder.read_parameters(own.path))}", file=self.stream, flush=True)
+        own.copy_attempt(self.folder)
+        print(f"{name}  {parameters_text(own.read_parameters())}", file=self.stream, flush=True)
 
     def on_trial_result(self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **_: Any) -> None:
         """Log and print an iteration of a trial."""
@@ -105,7 +104,7 @@ class Monitor(tune.Callback, tune.Stopper):
     def on_checkpoint(self, iteration: int, trials: list[Any], trial: Any, checkpoint: Any, **_: Any) -> None:
         """Seal a checkpoint that Tune has written."""
         flat, path = flatten(trial.last_result), Path(checkpoint.path)
-        digest = self.digest if self.single else str(run_folder.read_run_record(RunFolder(path.parent))["digest"])
+        digest = self.digest if self.single else str(RunFolder(path.parent).read_record()["digest"])
         iteration, steps = (int(flat.get(key, 0)) for key in ("training_iteration", "num_env_steps_sampled_lifetime"))
         seal_checkpoint(Checkpoint(path, iteration, steps, flat.get("time_total_s", 0.0), digest))
 
@@ -220,10 +219,7 @@ def run_tune(
         CheckpointError: The training cannot continue from its checkpoint or from Tune's state.
         SafeInspectError: A suggested trial cannot train, or an environment reported an error of the user.
     """
-    number = run_folder.add_attempt(
-        folder, run.command, str(start.path) if start else "", start.iteration if start else 0
-    )
-
+    number = folder.add_attempt(run.command, str(start.path) if start else "", start.iteration if start else 0)
     made = partial(_config, run, settings, folder, number, start)
 
     def suggested(index: int, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -269,8 +265,7 @@ def _config(
     experiment = run.experiment
     if not settings.single:
         experiment = experiment_of(experiment, trial)
-        record = run_folder.read_run_record(RunFolder(folder.trials / trial.name))
-        number = len(record["attempts"])
+        number = len(RunFolder(folder.trials / trial.name).read_record()["attempts"])
     more: dict[str, Any] = {"attempt": number, "maker": run.maker, "failure_file": str(folder.failure)}
     if start is not None:
         more["continue_from"] = {"path": str(start.path), "iteration": start.iteration, "seconds": start.seconds}
