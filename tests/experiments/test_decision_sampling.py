@@ -217,7 +217,7 @@ def test_whole_episodes_are_flown_as_often_as_asked():
 
 def test_semi_markov_advantages_at_every_kind_of_end():
     """A_t = sum_n (prod lambda g) delta, with g = gamma^k of each decision, worked out from single control steps."""
-    from safe_inspect.experiments.learning.ppo_learner import Batch
+    from safe_inspect.experiments.learning.ppo_kernels import Batch
 
     rng = np.random.default_rng(5)
     lengths, terminated = np.array([4, 1, 3, 5]), np.array([True, False, False, True])

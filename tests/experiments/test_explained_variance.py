@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import explained_variance_score
 
-from safe_inspect.experiments.learning.ppo_learner import _explained
+from safe_inspect.experiments.learning.ppo_nets import _explained
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 1.0])

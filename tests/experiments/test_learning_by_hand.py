@@ -16,16 +16,9 @@ from hypothesis import strategies as st
 from ray.rllib.env.single_agent_episode import SingleAgentEpisode
 
 from safe_inspect.experiments.learning import ppo_learner
-from safe_inspect.experiments.learning.ppo_kernels import Terms
-from safe_inspect.experiments.learning.ppo_learner import (
-    Batch,
-    NetTraining,
-    _explained,
-    batches_of,
-    joined,
-    minibatches,
-)
-from safe_inspect.experiments.learning.ppo_nets import AutogradPass, Net, part_of
+from safe_inspect.experiments.learning.ppo_kernels import Batch, Terms
+from safe_inspect.experiments.learning.ppo_learner import batches_of, minibatches
+from safe_inspect.experiments.learning.ppo_nets import AutogradPass, Net, NetTraining, _explained, joined, part_of
 from safe_inspect.experiments.modules.saved_policy import TorchHurdle
 from safe_inspect.random.action_draws import Categorical, Hurdle
 

@@ -1,4 +1,4 @@
-"""PPO's computations on arrays: advantages of pieces of episodes, and gradients of the loss at the nets' outputs.
+"""PPO's loss on arrays: batches, their advantages, and gradients of the loss at the nets' outputs.
 
 Autograd would record about thirty operations on a few hundred rows for each minibatch; these loops take as long as two
 of these operations. They compute RLlib's loss, term by term, and a test compares them with RLlib's.
@@ -7,6 +7,7 @@ of these operations. They compute RLlib's loss, term by term, and a test compare
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 #: Indices of the sums that the loops return.
 SURROGATE, ENTROPY, KL = 0, 1, 2
 CLIPPED, UNCLIPPED = 0, 1
+#: Smallest standard deviation by which advantages are divided, as in RLlib.
+_LEAST_SPREAD = 1e-4
 
 
 class Terms(NamedTuple):
@@ -71,8 +74,67 @@ class Sampled(NamedTuple):
     advantages: AnyArray
 
 
+@dataclass
+class Batch:
+    """P pieces of episodes of one policy, with R steps in total; arrays of numbers are float32.
+
+    Attributes:
+        all_observations: Observations of each step, and the one after the last step of each piece, shape (R + P, O).
+        lengths: Number of steps of each piece, shape (P,).
+        terminated: Whether the task ended with the last step of each piece, shape (P,).
+        actions: Actions, shape (R, A).
+        inputs: Inputs of the action distribution with which the actions were sampled, shape (R, I).
+        log_probabilities: Log probabilities of the actions, shape (R,).
+        rewards: Rewards, shape (R,).
+        steps: Number of control steps of each decision, shape (R,); None if each row is one step.
+        observations: Observations of each step, shape (R, O).
+        advantages: Standardised advantages, shape (R,); see `advise`.
+        targets: Targets of the value function, shape (R,); see `advise`.
+    """
+
+    all_observations: AnyArray
+    lengths: IntArray
+    terminated: BoolArray
+    actions: AnyArray
+    inputs: AnyArray
+    log_probabilities: AnyArray
+    rewards: AnyArray
+    steps: IntArray | None = None
+    observations: AnyArray = field(init=False)
+    advantages: AnyArray = field(init=False)
+    targets: AnyArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        ends = np.cumsum(self.lengths + 1) - 1
+        self.observations = np.delete(self.all_observations, ends, axis=0)
+        self.advantages = np.empty_like(self.rewards)
+        self.targets = np.empty_like(self.rewards)
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    def advise(self, values: AnyArray, gamma: float, factor: float) -> None:
+        """Compute advantages and value targets.
+
+        Advantages get mean 0 and standard deviation 1 over the steps of the batch. RLlib also includes the artificial
+        step after each piece, whose advantage depends on the order of the pieces and has no meaning.
+
+        Args:
+            values: Values of all observations, shape (R + P,).
+            gamma: Discount of a control step; a decision of k steps discounts later rewards by gamma^k.
+            factor: Lambda of the advantage estimation, applied once per row.
+        """
+        discounts = np.full(len(self), gamma) if self.steps is None else gamma ** self.steps.astype(np.float64)
+        _advantages_of(
+            self.lengths, self.terminated, self.rewards, values, discounts, factor, self.advantages, self.targets
+        )
+        spread = max(_LEAST_SPREAD, float(self.advantages.std(dtype=np.float64)))
+        self.advantages -= self.advantages.mean(dtype=np.float64)
+        self.advantages /= spread
+
+
 @njit(nogil=True)
-def advantages_of(
+def _advantages_of(
     lengths: IntArray,
     terminated: BoolArray,
     rewards: AnyArray,

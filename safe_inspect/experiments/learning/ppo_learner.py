@@ -1,9 +1,9 @@
-"""`FastPPOLearner`: RLlib's PPO learner with its data and its loss as arrays.
+"""`FastPPOLearner`: updates of policies like those of RLlib's PPO learner, but on arrays.
 
 RLlib's own learner builds each batch from the episodes step by step, uses dictionaries as minibatches and logs each of
-them; for small nets this takes longer than the nets. This learner computes the same losses from arrays, and the nets of
-the policy and the value function, if they share no parameters, learn in parallel. Modules, optimisers, schedules,
-coefficients and checkpoints are RLlib's.
+them; for small nets this takes longer than the nets. This learner makes one `Batch` of arrays for each policy, and the
+nets of the policy and the value function, if they share no parameters, learn from it in parallel (`NetTraining`).
+Modules, optimisers, schedules, coefficients and checkpoints are RLlib's.
 """
 
 from __future__ import annotations
@@ -13,99 +13,26 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
-from ray.rllib.algorithms.ppo.ppo import (
-    LEARNER_RESULTS_KL_KEY,
-    LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY,
-    LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY,
-)
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
 from ray.rllib.core import ALL_MODULES, DEFAULT_MODULE_ID, Columns
-from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 from ray.rllib.utils import metrics as names
 
-from safe_inspect.experiments.learning import ppo_kernels as kernels
-from safe_inspect.experiments.learning.ppo_kernels import Terms, advantages_of
-from safe_inspect.experiments.learning.ppo_nets import Net, nets_of, part_of
+from safe_inspect.experiments.learning.ppo_kernels import Batch, Terms
+from safe_inspect.experiments.learning.ppo_nets import NetTraining, joined, nets_of, part_of
 from safe_inspect.experiments.modules.saved_policy import distribution_of_module
 from safe_inspect.experiments.sampling.env_runners import set_threads
 from safe_inspect.experiments.sampling.rollout import DECISION_STEPS
-from safe_inspect.random.action_draws import Categorical, Hurdle
-from safe_inspect.types import AnyArray, BoolArray, IntArray
+from safe_inspect.types import AnyArray, IntArray
 
-#: Smallest standard deviation by which advantages are divided, as in RLlib.
-LEAST_SPREAD = 1e-4
-
-#: Name of a net's part of the total loss.
-TOTAL = "total_loss"
 #: Key in `learner_config_dict` of the number of nets that learn in parallel.
 THREADS = "threads"
 _LOGGER = logging.getLogger(__name__)
 _ROWS_AT_ONCE = 1024
-
-
-@dataclass
-class Batch:
-    """P pieces of episodes of one policy, with R steps in total; arrays of numbers are float32.
-
-    Attributes:
-        all_observations: Observations of each step, and the one after the last step of each piece, shape (R + P, O).
-        lengths: Number of steps of each piece, shape (P,).
-        terminated: Whether the task ended with the last step of each piece, shape (P,).
-        actions: Actions, shape (R, A).
-        inputs: Inputs of the action distribution with which the actions were sampled, shape (R, I).
-        log_probabilities: Log probabilities of the actions, shape (R,).
-        rewards: Rewards, shape (R,).
-        steps: Number of control steps of each decision, shape (R,); None if each row is one step.
-        observations: Observations of each step, shape (R, O).
-        advantages: Standardised advantages, shape (R,); see `advise`.
-        targets: Targets of the value function, shape (R,); see `advise`.
-    """
-
-    all_observations: AnyArray
-    lengths: IntArray
-    terminated: BoolArray
-    actions: AnyArray
-    inputs: AnyArray
-    log_probabilities: AnyArray
-    rewards: AnyArray
-    steps: IntArray | None = None
-    observations: AnyArray = field(init=False)
-    advantages: AnyArray = field(init=False)
-    targets: AnyArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        ends = np.cumsum(self.lengths + 1) - 1
-        self.observations = np.delete(self.all_observations, ends, axis=0)
-        self.advantages = np.empty_like(self.rewards)
-        self.targets = np.empty_like(self.rewards)
-
-    def __len__(self) -> int:
-        return len(self.rewards)
-
-    def advise(self, values: AnyArray, gamma: float, factor: float) -> None:
-        """Compute advantages and value targets.
-
-        Advantages get mean 0 and standard deviation 1 over the steps of the batch. RLlib also includes the artificial
-        step after each piece, whose advantage depends on the order of the pieces and has no meaning.
-
-        Args:
-            values: Values of all observations, shape (R + P,).
-            gamma: Discount of a control step; a decision of k steps discounts later rewards by gamma^k.
-            factor: Lambda of the advantage estimation, applied once per row.
-        """
-        discounts = np.full(len(self), gamma) if self.steps is None else gamma ** self.steps.astype(np.float64)
-        advantages_of(
-            self.lengths, self.terminated, self.rewards, values, discounts, factor, self.advantages, self.targets
-        )
-        spread = max(LEAST_SPREAD, float(self.advantages.std(dtype=np.float64)))
-        self.advantages -= self.advantages.mean(dtype=np.float64)
-        self.advantages /= spread
 
 
 def batches_of(episodes: Iterable[Any], wanted: Callable[[str], bool]) -> dict[str, Batch]:
@@ -174,113 +101,6 @@ def _joined(buffers: Iterable[Any]) -> AnyArray:
 def _data(buffer: Any) -> AnyArray:
     """Return the data of one of RLlib's buffers without its lookback."""
     return np.asarray(buffer.data[buffer.lookback :])
-
-
-@dataclass(eq=False)
-class NetTraining:
-    """Training of one net with the minibatches of a batch; several trainings may run in parallel.
-
-    The net runs on the device of its parameters; the loss, a few numbers for each row, is computed on the CPU.
-
-    Args:
-        net: The net.
-        optimiser: Any of its parameters.
-        batch: The batch, with advantages.
-        order: The rows of each minibatch, shape (M, B).
-        terms: The coefficients of the loss.
-        clip_gradients: Function that clips gradients in place and may return their norm; None for no clipping.
-        distribution: Distribution of the actions.
-
-    Attributes:
-        losses: After `run`, the losses of the last minibatch, by RLlib's names.
-        norm: After `run`, the norm of the last gradients before clipping, if `clip_gradients` has returned it.
-    """
-
-    net: Net
-    optimiser: Any
-    batch: Batch
-    order: IntArray
-    terms: Terms
-    clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None
-    distribution: Any = None
-    losses: dict[str, float] = field(default_factory=dict, init=False)
-    norm: Any = field(default=None, init=False)
-
-    def __post_init__(self) -> None:
-        batch, size = self.batch, self.order.shape[1]
-        self._form = _form_of(self.distribution)
-        self._sampled = kernels.Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
-        self._sums, self._value_sums = np.zeros(3), np.zeros(2)
-        self._inputs = batch.inputs.shape[1]
-        self._gradient = torch.empty((size, self._inputs * self.net.acts + self.net.values))
-
-    def run(self) -> None:
-        """Take an optimiser step for each minibatch."""
-        parameters = self.net.parameters
-        device = parameters[0].device
-        observations = torch.from_numpy(self.batch.observations).to(device)
-        size = self.order.shape[1]
-        way = self.net.make_pass(size)
-        chosen = torch.empty((size, observations.shape[1]), device=device)
-        gradients: list[torch.Tensor] = []
-        outputs, out = np.empty(0), self._gradient.numpy()
-        for rows, indices in zip(self.order, torch.from_numpy(self.order).to(device), strict=True):
-            torch.index_select(observations, 0, indices, out=chosen)
-            outputs = way.forward(chosen).cpu().numpy()
-            if self.net.acts:
-                inputs, push = outputs[:, : self._inputs], out[:, : self._inputs]
-                kernels.policy_gradient(rows, inputs, self._form, self._sampled, self.terms, push, self._sums)
-            if self.net.values:
-                values, push = outputs[:, -1], out[:, -1]
-                kernels.value_gradient(rows, values, self.batch.targets, self.terms, push, self._value_sums)
-            gradients = way.backward(self._gradient.to(device))
-            if self.clip_gradients is not None:
-                found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
-                self.norm = self.clip_gradients(found)
-                gradients = [found[parameter] for parameter in parameters]
-            self.optimiser.step(gradients)
-        for parameter, gradient in zip(parameters, gradients, strict=True):
-            parameter.grad = gradient  # RLlib reads the gradients from here
-        self.losses = self._losses(outputs)
-
-    def _losses(self, outputs: AnyArray) -> dict[str, float]:
-        terms, count = self.terms, self.order.shape[1]
-        found = {TOTAL: 0.0}
-        if self.net.acts:
-            surrogate, entropy, divergence = (self._sums / count).tolist()
-            found[TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
-            found[POLICY_LOSS_KEY] = -surrogate
-            found[ENTROPY_KEY] = entropy
-            found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
-        if self.net.values:
-            clipped, unclipped = (self._value_sums / count).tolist()
-            found[TOTAL] += terms.value * clipped
-            found[VF_LOSS_KEY] = clipped
-            found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
-            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(self.batch.targets[self.order[-1]], outputs[:, -1])
-        return found
-
-
-def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
-    """Return the losses of one policy, summed over its nets."""
-    names = dict.fromkeys(name for training in trainings for name in training.losses)
-    return {name: sum(training.losses.get(name, 0.0) for training in trainings) for name in names}
-
-
-def _form_of(distribution: Any) -> kernels.Form:
-    """Return the form of a distribution, Gaussian if it is None."""
-    if isinstance(distribution, Categorical):
-        return kernels.Form(0, distribution.sizes)
-    hurdle = isinstance(distribution, Hurdle)
-    sizes = [distribution.choices] if hurdle and distribution.choices else []
-    return kernels.Form(int(hurdle), np.array(sizes, dtype=np.int64))
-
-
-def _explained(targets: AnyArray, values: AnyArray) -> float:
-    """Return the fraction of the targets' variance that the values explain, at least -1."""
-    variance = float(np.var(targets, dtype=np.float64))
-    rest = float(np.var(np.subtract(targets, values, dtype=np.float64)))
-    return max(-1.0, 1.0 - rest / variance) if variance > 0.0 else -1.0
 
 
 class FastPPOLearner(PPOTorchLearner):  # type: ignore[misc]

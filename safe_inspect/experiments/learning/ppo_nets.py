@@ -1,19 +1,37 @@
-"""The nets of a policy's module: passes of a minibatch through them, and the optimisers of their parameters."""
+"""The nets of a policy's module, and their training: passes of a minibatch, the loss, steps of the optimiser."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import torch
+from ray.rllib.algorithms.ppo.ppo import (
+    LEARNER_RESULTS_KL_KEY,
+    LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY,
+    LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY,
+)
 from ray.rllib.core.columns import Columns
+from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 
 from safe_inspect.compiling import njit
+from safe_inspect.experiments.learning.ppo_kernels import (
+    Batch,
+    Form,
+    Sampled,
+    Terms,
+    policy_gradient,
+    value_gradient,
+)
 from safe_inspect.experiments.modules.tanh_net import TRAINING, PlainLayers, TanhNet, linear_layers, plain_layers
-from safe_inspect.types import AnyArray
+from safe_inspect.random.action_draws import Categorical, Hurdle
+from safe_inspect.types import AnyArray, IntArray
+
+#: Name of a net's part of the total loss.
+_TOTAL = "total_loss"
 
 Outputs = tuple[torch.Tensor, ...]
 
@@ -222,3 +240,110 @@ class FastAdam:
                 1.0 / math.sqrt(1.0 - two**count),
                 epsilon,
             )
+
+
+@dataclass(eq=False)
+class NetTraining:
+    """Training of one net with the minibatches of a batch; several trainings may run in parallel.
+
+    The net runs on the device of its parameters; the loss, a few numbers for each row, is computed on the CPU.
+
+    Args:
+        net: The net.
+        optimiser: Any of its parameters.
+        batch: The batch, with advantages.
+        order: The rows of each minibatch, shape (M, B).
+        terms: The coefficients of the loss.
+        clip_gradients: Function that clips gradients in place and may return their norm; None for no clipping.
+        distribution: Distribution of the actions.
+
+    Attributes:
+        losses: After `run`, the losses of the last minibatch, by RLlib's names.
+        norm: After `run`, the norm of the last gradients before clipping, if `clip_gradients` has returned it.
+    """
+
+    net: Net
+    optimiser: Any
+    batch: Batch
+    order: IntArray
+    terms: Terms
+    clip_gradients: Callable[[dict[Any, torch.Tensor]], Any] | None = None
+    distribution: Any = None
+    losses: dict[str, float] = field(default_factory=dict, init=False)
+    norm: Any = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        batch, size = self.batch, self.order.shape[1]
+        self._form = _form_of(self.distribution)
+        self._sampled = Sampled(batch.actions, batch.inputs, batch.log_probabilities, batch.advantages)
+        self._sums, self._value_sums = np.zeros(3), np.zeros(2)
+        self._inputs = batch.inputs.shape[1]
+        self._gradient = torch.empty((size, self._inputs * self.net.acts + self.net.values))
+
+    def run(self) -> None:
+        """Take an optimiser step for each minibatch."""
+        parameters = self.net.parameters
+        device = parameters[0].device
+        observations = torch.from_numpy(self.batch.observations).to(device)
+        size = self.order.shape[1]
+        way = self.net.make_pass(size)
+        chosen = torch.empty((size, observations.shape[1]), device=device)
+        gradients: list[torch.Tensor] = []
+        outputs, out = np.empty(0), self._gradient.numpy()
+        for rows, indices in zip(self.order, torch.from_numpy(self.order).to(device), strict=True):
+            torch.index_select(observations, 0, indices, out=chosen)
+            outputs = way.forward(chosen).cpu().numpy()
+            if self.net.acts:
+                inputs, push = outputs[:, : self._inputs], out[:, : self._inputs]
+                policy_gradient(rows, inputs, self._form, self._sampled, self.terms, push, self._sums)
+            if self.net.values:
+                values, push = outputs[:, -1], out[:, -1]
+                value_gradient(rows, values, self.batch.targets, self.terms, push, self._value_sums)
+            gradients = way.backward(self._gradient.to(device))
+            if self.clip_gradients is not None:
+                found: dict[Any, torch.Tensor] = dict(zip(parameters, gradients, strict=True))
+                self.norm = self.clip_gradients(found)
+                gradients = [found[parameter] for parameter in parameters]
+            self.optimiser.step(gradients)
+        for parameter, gradient in zip(parameters, gradients, strict=True):
+            parameter.grad = gradient  # RLlib reads the gradients from here
+        self.losses = self._losses(outputs)
+
+    def _losses(self, outputs: AnyArray) -> dict[str, float]:
+        terms, count = self.terms, self.order.shape[1]
+        found = {_TOTAL: 0.0}
+        if self.net.acts:
+            surrogate, entropy, divergence = (self._sums / count).tolist()
+            found[_TOTAL] += -surrogate - terms.entropy * entropy + terms.divergence * divergence
+            found[POLICY_LOSS_KEY] = -surrogate
+            found[ENTROPY_KEY] = entropy
+            found[LEARNER_RESULTS_KL_KEY] = divergence if terms.measured else 0.0
+        if self.net.values:
+            clipped, unclipped = (self._value_sums / count).tolist()
+            found[_TOTAL] += terms.value * clipped
+            found[VF_LOSS_KEY] = clipped
+            found[LEARNER_RESULTS_VF_LOSS_UNCLIPPED_KEY] = unclipped
+            found[LEARNER_RESULTS_VF_EXPLAINED_VAR_KEY] = _explained(self.batch.targets[self.order[-1]], outputs[:, -1])
+        return found
+
+
+def joined(trainings: list[NetTraining]) -> Mapping[str, float]:
+    """Return the losses of one policy, summed over its nets."""
+    names = dict.fromkeys(name for training in trainings for name in training.losses)
+    return {name: sum(training.losses.get(name, 0.0) for training in trainings) for name in names}
+
+
+def _form_of(distribution: Any) -> Form:
+    """Return the form of a distribution, Gaussian if it is None."""
+    if isinstance(distribution, Categorical):
+        return Form(0, distribution.sizes)
+    hurdle = isinstance(distribution, Hurdle)
+    sizes = [distribution.choices] if hurdle and distribution.choices else []
+    return Form(int(hurdle), np.array(sizes, dtype=np.int64))
+
+
+def _explained(targets: AnyArray, values: AnyArray) -> float:
+    """Return the fraction of the targets' variance that the values explain, at least -1."""
+    variance = float(np.var(targets, dtype=np.float64))
+    rest = float(np.var(np.subtract(targets, values, dtype=np.float64)))
+    return max(-1.0, 1.0 - rest / variance) if variance > 0.0 else -1.0
