@@ -144,62 +144,62 @@ class KeyTables:
     defaults: bool = True
     unknown: str = "there is no key `{}`"
 
+    def translate(self, mapping: Mapping[str, Any], path: str) -> TranslatedSettings:
+        """Return the settings translated from a mapping.
 
-def translate_keys(mapping: Mapping[str, Any], path: str, tables: KeyTables) -> TranslatedSettings:
-    """Return the settings translated from a mapping.
-
-    Args:
-        mapping: Values by name, current or old.
-        path: Name of the mapping, with which the paths of problems begin.
-        tables: The tables of its keys.
-    """
-    found = TranslatedSettings()
-    settings, notes, problems = found.settings, found.notes, found.problems
-    source: dict[str, str] = {}
-    for given, value in mapping.items():
-        where = f"{path}.{given}"
-        name = tables.spellings.get(str(given), str(given))
-        if name in tables.only_at:
-            harmless, reason = tables.only_at[name]
-            if value not in harmless:
-                problems.append(Problem(f"`{given}: {value}` cannot be honoured: {reason}", where))
-            continue
-        if name in tables.dropped:
-            notes.append(f"`{given}` has no effect: {tables.dropped[name]}")
-            continue
-        if name in tables.renamed:
-            name = tables.renamed[name]
-            notes.append(f"`{given}` is now `{name}`")
-        target = name.partition(".")[0]
-        if target not in tables.known:
-            if name in tables.refused:
-                problems.append(Problem(f"`{given}` cannot be set here: {tables.refused[name]}", where))
-            elif name in tables.unchecked:
-                settings[name] = value
+        Args:
+            mapping: Values by name, current or old.
+            path: Name of the mapping, with which the paths of problems begin.
+        """
+        found = TranslatedSettings()
+        settings, notes, problems = found.settings, found.notes, found.problems
+        source: dict[str, str] = {}
+        for given, value in mapping.items():
+            where = f"{path}.{given}"
+            name = self.spellings.get(str(given), str(given))
+            if name in self.only_at:
+                harmless, reason = self.only_at[name]
+                if value not in harmless:
+                    problems.append(Problem(f"`{given}: {value}` cannot be honoured: {reason}", where))
+                continue
+            if name in self.dropped:
+                notes.append(f"`{given}` has no effect: {self.dropped[name]}")
+                continue
+            if name in self.renamed:
+                name = self.renamed[name]
+                notes.append(f"`{given}` is now `{name}`")
+            target = name.partition(".")[0]
+            if target not in self.known:
+                if name in self.refused:
+                    problems.append(Problem(f"`{given}` cannot be set here: {self.refused[name]}", where))
+                elif name in self.unchecked:
+                    settings[name] = value
+                else:
+                    names = [*self.known, *self.renamed, *self.unchecked]
+                    problems.append(Problem(self.unknown.format(given), where, hint=key_hint(str(given), names)))
+                continue
+            if name in source:
+                problems.append(Problem(f"`{given}` and `{source[name]}` are the same key, given twice", where))
+                continue
+            source[name] = str(given)
+            if self.defaults and value is None and "null" not in _json_types(self.known[target]):
+                notes.append(f"`{given}` is null, so its default is used")
+                continue
+            if "." in name:
+                settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
+                continue
+            if is_searched(value) and not self.searchable:
+                word = next(iter(value))
+                problems.append(
+                    Problem(f"`{word}` is only supported for the keys of `rllib_configs` themselves", where)
+                )
+                continue
+            value, mistake = _checked_value(self.known[name], value)
+            if mistake:
+                problems.append(Problem(mistake, where))
+            elif isinstance(value, Mapping) and isinstance(settings.get(name), Mapping):
+                settings[name] = {**settings[name], **value}
             else:
-                names = [*tables.known, *tables.renamed, *tables.unchecked]
-                problems.append(Problem(tables.unknown.format(given), where, hint=key_hint(str(given), names)))
-            continue
-        if name in source:
-            problems.append(Problem(f"`{given}` and `{source[name]}` are the same key, given twice", where))
-            continue
-        source[name] = str(given)
-        if tables.defaults and value is None and "null" not in _json_types(tables.known[target]):
-            notes.append(f"`{given}` is null, so its default is used")
-            continue
-        if "." in name:
-            settings[target] = {**settings.get(target, {}), name.partition(".")[2]: value}
-            continue
-        if is_searched(value) and not tables.searchable:
-            word = next(iter(value))
-            problems.append(Problem(f"`{word}` is only supported for the keys of `rllib_configs` themselves", where))
-            continue
-        value, mistake = _checked_value(tables.known[name], value)
-        if mistake:
-            problems.append(Problem(mistake, where))
-        elif isinstance(value, Mapping) and isinstance(settings.get(name), Mapping):
-            settings[name] = {**settings[name], **value}
-        else:
-            settings[name] = value
-    found.given = frozenset(settings)
-    return found
+                settings[name] = value
+        found.given = frozenset(settings)
+        return found

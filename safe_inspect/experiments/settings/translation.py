@@ -22,7 +22,6 @@ from safe_inspect.experiments.settings.key_tables import (
     is_searched,
     named_values,
     resolved_by_tune,
-    translate_keys,
 )
 
 _MODEL = KeyTables(keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, {}, old_keys.MODEL_ONLY_AT)
@@ -73,7 +72,7 @@ def current_name(given: str) -> str:
 
 def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the settings of `tune.Tuner`, with `algorithm` among them if the mapping names one."""
-    found = translate_keys(mapping, "tune_config", _TUNE)
+    found = _TUNE.translate(mapping, "tune_config")
     found.settings = settings = {**run_keys.TUNE_DEFAULTS, **found.settings}
     problems, notes = found.problems, found.notes
     stop = settings.get("stop")
@@ -83,7 +82,7 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
             "the training runs until it is interrupted; to limit it, give `stop`, such as `training_iteration=100`"
         )
     if isinstance(stop, Mapping):
-        found.nest("stop", translate_keys(stop, "tune_config.stop", _STOP))
+        found.nest("stop", _STOP.translate(stop, "tune_config.stop"))
     score = settings.get("checkpoint_score_attribute")
     if score:
         if score.startswith("min-"):
@@ -109,7 +108,7 @@ def translate_tune(mapping: Mapping[str, Any]) -> TranslatedSettings:
 
 def translate_ray(mapping: Mapping[str, Any]) -> TranslatedSettings:
     """Return the arguments of `ray.init`; without an address they start a separate Ray for the run."""
-    found = translate_keys(mapping, "ray_config", _RAY)
+    found = _RAY.translate(mapping, "ray_config")
     found.settings = {**run_keys.RAY_DEFAULTS, **found.settings}
     address = found.settings["address"]
     if isinstance(address, str) and not run_keys.RAY_ADDRESS.fullmatch(address):
@@ -166,12 +165,12 @@ def _rllib(mapping: Mapping[str, Any], path: str, algorithm: str, nested: bool =
         unchecked=keys_of_release()[algorithm],
         searchable=not nested,
     )
-    found = translate_keys(mapping, path, tables)
+    found = tables.translate(mapping, path)
     settings, problems = found.settings, found.problems
     problems += _hidden_searches(mapping, path)
     if isinstance(settings.get("model_config"), Mapping):
         model_path = f"{path}.{'model' if 'model' in mapping else 'model_config'}"
-        model = translate_keys(settings["model_config"], model_path, _MODEL)
+        model = _MODEL.translate(settings["model_config"], model_path)
         model.problems[:0] = _hidden_searches(model.settings, model_path)
         found.nest("model_config", model)
         if algorithm != "PPO":
