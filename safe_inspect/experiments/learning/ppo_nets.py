@@ -26,7 +26,7 @@ from safe_inspect.experiments.learning.ppo_kernels import (
     policy_gradient,
     value_gradient,
 )
-from safe_inspect.experiments.modules.tanh_net import TRAINING, PlainLayers, TanhNet, linear_layers, plain_layers
+from safe_inspect.experiments.modules.tanh_net import TRAINING, PlainLayers, TanhNet, linear_layers
 from safe_inspect.random.action_draws import Categorical, Hurdle
 from safe_inspect.types import AnyArray, IntArray
 
@@ -96,7 +96,7 @@ def nets_of(module: Any, together: bool = False) -> list[Net]:
     whole = _whole(module)
     if together:
         return [replace(whole, why_autograd="the gradients of policy and value function are clipped together")]
-    policy, value = (plain_layers(module, TRAINING, values=values) for values in (False, True))
+    policy, value = (PlainLayers.of(module, TRAINING, values=values) for values in (False, True))
     if policy is None or value is None:
         return [replace(whole, why_autograd="its module is not RLlib's own with an encoder for each net")]
     parts = [_part(policy, False), _part(value, True)]

@@ -190,6 +190,27 @@ class PlainLayers:
     body: torch.nn.Sequential
     head: Any
 
+    @classmethod
+    def of(cls, module: Any, methods: tuple[str, ...], *, values: bool = False) -> PlainLayers | None:
+        """Return the layers of a module's policy or value function; None if its outputs are not those of plain layers.
+
+        Args:
+            module: RLlib's module.
+            methods: The methods that the layers replace, `SAMPLING` or `TRAINING`.
+            values: Whether to return the layers of the value function, None if it has no separate encoder.
+        """
+        ours, own = DefaultPPOTorchRLModule, type(module)
+        if not isinstance(module, ours) or any(getattr(own, name) is not getattr(ours, name) for name in methods):
+            return None
+        encoder: Any = module.encoder
+        usual = type(encoder) is TorchActorCriticEncoder
+        if not usual or (values and encoder.config.shared):
+            return None
+        separate, head = ("critic_encoder", module.vf) if values else ("actor_encoder", module.pi)
+        part = encoder.encoder if encoder.config.shared else getattr(encoder, separate)
+        known = type(part) is TorchMLPEncoder and type(head) in (TorchMLPHead, TorchFreeLogStdMLPHead)
+        return cls(part.net.mlp, head) if known else None
+
     def __call__(self, observations: torch.Tensor) -> torch.Tensor:
         """Return the outputs, shape (R, I), for observations, shape (R, O)."""
         outputs: torch.Tensor = self.head(self.body(observations))
@@ -204,27 +225,6 @@ class PlainLayers:
     def whole(self) -> bool:
         """Whether the layers of the head give all outputs; otherwise it also has logarithms of standard deviations."""
         return type(self.head) is TorchMLPHead
-
-
-def plain_layers(module: Any, methods: tuple[str, ...], *, values: bool = False) -> PlainLayers | None:
-    """Return the layers of a module's policy or value function; None if its outputs are not those of plain layers.
-
-    Args:
-        module: RLlib's module.
-        methods: The methods that the layers replace, `SAMPLING` or `TRAINING`.
-        values: Whether to return the layers of the value function, None if it has no separate encoder.
-    """
-    ours = DefaultPPOTorchRLModule
-    if not isinstance(module, ours) or any(getattr(type(module), name) is not getattr(ours, name) for name in methods):
-        return None
-    encoder: Any = module.encoder
-    usual = type(encoder) is TorchActorCriticEncoder
-    if not usual or (values and encoder.config.shared):
-        return None
-    separate, head = ("critic_encoder", module.vf) if values else ("actor_encoder", module.pi)
-    part = encoder.encoder if encoder.config.shared else getattr(encoder, separate)
-    known = type(part) is TorchMLPEncoder and type(head) in (TorchMLPHead, TorchFreeLogStdMLPHead)
-    return PlainLayers(part.net.mlp, head) if known else None
 
 
 class PolicyNet:
@@ -273,7 +273,7 @@ class PolicyNet:
         The learner's tanh needs widths that are multiples of the processor's vectors, so that the result of a row does
         not depend on its index.
         """
-        found = plain_layers(self._module, SAMPLING)
+        found = PlainLayers.of(self._module, SAMPLING)
         if found is None or self._remote is not None:
             return found
         layers = linear_layers(found.body, found.head.net.mlp) if found.whole else None
