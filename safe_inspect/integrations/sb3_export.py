@@ -18,8 +18,8 @@ from stable_baselines3.td3.policies import TD3Policy
 
 from safe_inspect.errors import CheckpointError
 from safe_inspect.experiments.export.export import Exported
-from safe_inspect.experiments.export.onnx_graph import scaled_to
 from safe_inspect.experiments.export.perceptron import export_perceptron
+from safe_inspect.types import AnyArray
 
 
 def export_onnx(
@@ -69,11 +69,21 @@ def _net(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], torch.Tensor | No
         if getattr(model, "use_sde", False):
             raise _other(f"{type(model).__name__} with use_sde")
         own = [*actor.latent_pi, actor.mu, torch.nn.Tanh()] if isinstance(policy, SACPolicy) else [*actor.mu]
-        return [*own, scaled_to(space.low, space.high)], None
+        return [*own, _scaled_to(space.low, space.high)], None
     if isinstance(policy, DQNPolicy):
         _check_features(policy.q_net.features_extractor)
         return [*policy.q_net.q_net], None
     raise _other(f"{type(policy).__name__} of {type(model).__name__}")
+
+
+def _scaled_to(low: AnyArray, high: AnyArray) -> torch.nn.Linear:
+    """Return the linear layer that maps -1 to `low` and 1 to `high`, element by element; both have shape (A,)."""
+    least, largest = (torch.as_tensor(bound, dtype=torch.float32) for bound in (low, high))
+    layer = torch.nn.Linear(len(least), len(least))
+    with torch.no_grad():
+        layer.weight.copy_(torch.diag((largest - least) / 2.0))
+        layer.bias.copy_((largest + least) / 2.0)
+    return layer
 
 
 def _check_features(extractor: Any) -> None:

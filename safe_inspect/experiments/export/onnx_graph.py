@@ -134,16 +134,6 @@ def _float32(values: FloatArray) -> torch.Tensor:
     return torch.as_tensor(values, dtype=torch.float32)
 
 
-def scaled_to(low: FloatArray, high: FloatArray) -> torch.nn.Linear:
-    """Return the linear layer that maps -1 to `low` and 1 to `high`, element by element; both have shape (A,)."""
-    least, largest = _float32(low), _float32(high)
-    layer = torch.nn.Linear(len(least), len(least))
-    with torch.no_grad():
-        layer.weight.copy_(torch.diag((largest - least) / 2.0))
-        layer.bias.copy_((largest + least) / 2.0)
-    return layer
-
-
 def require_onnx() -> Any:
     """Return the module `onnx`.
 
