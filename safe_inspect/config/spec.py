@@ -126,6 +126,11 @@ class EnvironmentSpec:
     team_safety: TeamSafety | None = None
     ended_thrust_on: bool = False
 
+    @property
+    def controlled(self) -> list[AgentSpec]:
+        """The agents without a scripted policy, whose actions the caller of the environment gives."""
+        return [agent for agent in self.agents if agent.scripted_policy is None]
+
     def names(self, agent: AgentSpec) -> dict[str, set[str]]:
         """Return the names that the fields of an agent's plugins may refer to, by kind."""
         return {**world_names(self.platforms, self.reset, self.simulator), **agent_names(agent.parts, agent.dones)}

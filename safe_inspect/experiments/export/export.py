@@ -131,8 +131,9 @@ def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, s
 
 def _flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
     """Return the observations of rollouts of the file in SI units, float32, shape (T, R, O); other agents coast."""
-    mine = [agent.name for agent in spec.agents if agent.name in policy.info.agents and agent.scripted_policy is None]
-    others = [agent.name for agent in spec.agents if agent.name not in mine and agent.scripted_policy is None]
+    names = [agent.name for agent in spec.controlled]
+    mine = [name for name in names if name in policy.info.agents]
+    others = [name for name in names if name not in mine]
     raw = policy.prepare(spec, mine)
     seen: list[AnyArray] = []
 
@@ -278,7 +279,7 @@ def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _agents(experiment: Experiment, name: str, title: str) -> list[AgentSpec]:
     """Return the agents that a policy controls."""
-    outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    outside = experiment.spec.controlled
     if name == SINGLE and len(outside) == 1:
         return outside
     agents = [agent for agent in outside if agent.policy == name]

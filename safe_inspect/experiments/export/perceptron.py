@@ -55,7 +55,7 @@ def export_perceptron(
     """
     require_onnx()
     experiment = load_experiment(cfg, overrides)
-    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    agents = experiment.spec.controlled
     if len(agents) != 1:
         raise CheckpointError(
             f"{cfg}: the task has {len(agents)} agents, but a net controls only one; give a task with one agent"

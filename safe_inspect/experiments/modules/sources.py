@@ -198,7 +198,7 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
         source = _source(text, "shipped", shipped.folder, checkpoint_hash(shipped.checkpoint))
         return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
-    outside = [agent.name for agent in experiment.spec.agents if agent.scripted_policy is None]
+    outside = [agent.name for agent in experiment.spec.controlled]
     distinct = list({id(policy): policy for policy in policies.values()}.values())
     if len(distinct) == 1:  # a single policy may control agents with other names too
         policies = dict.fromkeys(outside, distinct[0])
@@ -274,9 +274,8 @@ def _checkpoint_policies(path: Path, spec: EnvironmentSpec, wanted: Wanted) -> d
     Raises:
         CheckpointError: The checkpoint is damaged, of another task, or has no policy for an agent.
     """
-    outside = [agent for agent in spec.agents if agent.scripted_policy is None]
-    chosen = {agent.name: _chosen(path, agent) for agent in outside}
-    for agent in outside:  # checked before Ray and Torch are loaded
+    chosen = {agent.name: _chosen(path, agent) for agent in spec.controlled}
+    for agent in spec.controlled:  # checked before Ray and Torch are loaded
         weights = read_weights(policy_folder(path, chosen[agent.name]))
         check_layout(str(path), known_info(weights.model, str(path)), agent)
     from safe_inspect.experiments.modules.policy import trained_policy  # loads Ray and Torch
@@ -430,7 +429,7 @@ def load_policy(
         raise SafeInspectError(f"{text}: a scripted policy acts inside the environment; pass it to `rollout`")
     (candidate,) = open_candidates([text], Wanted(cfg, tuple(overrides), sampled=False))
     spec, policies = candidate.experiment.spec, candidate.policies
-    outside = {item.name: item for item in spec.agents if item.scripted_policy is None}
+    outside = {item.name: item for item in spec.controlled}
     flying = dict(policies) if isinstance(policies, dict) else dict.fromkeys(outside, policies)
     if agent is None and len(set(map(id, flying.values()))) > 1:
         raise SafeInspectError(

@@ -120,14 +120,14 @@ def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Pro
         experiment: The experiment.
         settings: From `read_settings`, without problems.
     """
-    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
     common, problems = settings.trials[0].rllib.settings.get("model_config", {}), []
     for name, policy in experiment.policies.items():
         own = settings.policies[name].config.get("model_config", {}) if name in settings.policies else {}
         source = {**common, **own}.get("initial_weights")
         if source is None or not policy.trains:
             continue
-        info = policy_info(experiment, name, [agent for agent in agents if agent.name in policy.agents])
+        agents = [agent for agent in experiment.spec.controlled if agent.name in policy.agents]
+        info = policy_info(experiment, name, agents)
         try:
             starting_weights(source, {INFO: info.metadata()})
         except errors.CheckpointError as error:

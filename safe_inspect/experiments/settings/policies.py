@@ -151,7 +151,7 @@ def policy_texts(environments: Mapping[str, Any], policies: Mapping[str, PolicyS
     if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
         return {}
     experiment = build_experiment(experiment_in(environments))
-    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
+    agents = experiment.spec.controlled
     flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
     return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}
 
