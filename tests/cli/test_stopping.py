@@ -181,7 +181,7 @@ def test_a_training_that_the_user_stops_has_another_exit_code(here, capsys, monk
     from safe_inspect.cli.commands import train
     from safe_inspect.experiments.runs.train import TrainingResult
 
-    result = TrainingResult(here, None, 3, 900, 1.0, {}, interrupted, ())
+    result = TrainingResult(here, None, 3, 900, 1.0, {}, interrupted)
     monkeypatch.setattr(train, "train", lambda run: result)
     assert main(["train", CFG]) == code
     assert ("continue:" in capsys.readouterr().out) == interrupted

@@ -23,7 +23,7 @@ Typed = Callable[..., tuple[int, str, str]]
 def result_of(folder: Path, **changes: Any) -> TrainingResult:
     values: dict[str, Any] = {
         "folder": folder, "checkpoint": None, "iteration": 1, "steps": 900, "seconds": 12.6, "metrics": {},
-        "interrupted": False, "notes": (),
+        "interrupted": False,
     }  # fmt: skip
     return TrainingResult(**values | changes)
 

@@ -36,7 +36,6 @@ class TrainingResult:
         seconds: Duration of this attempt, including the start of Ray [s].
         metrics: Values of the last iteration, by paths such as ``env_runners/episode_return_mean``.
         interrupted: Whether the user ended the training.
-        notes: One sentence for each key of the configuration that was translated or dropped.
         trials: Results of the trials of a search; empty without a search.
         best: The checkpoint of this attempt with the best `checkpoint_score_attribute`, or None if that is not set; for
             a search, the folder of the best trial by the metric that ranks trials.
@@ -49,7 +48,6 @@ class TrainingResult:
     seconds: float
     metrics: Mapping[str, float]
     interrupted: bool
-    notes: tuple[str, ...]
     trials: tuple[TrialResult, ...] = ()
     best: Path | None = None
 
@@ -92,7 +90,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             more = " ".join(f"{key}={2 * value:.16g}" for key, value in reached)
             text = f"the run has reached its limits at iteration {start.iteration}; raise `stop` to continue"
             print(f"{text}, as in {more}", file=stream)
-            return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False, settings.notes)
+            return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False)
         try:
             monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream, processors)
         except ConfigError:
@@ -131,7 +129,6 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
         time.monotonic() - started,
         {key: value for key, value in monitor.last.items() if math.isfinite(value)},
         monitor.interrupted,
-        settings.notes,
         trials,
         monitor.best,
     )
