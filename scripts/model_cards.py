@@ -21,13 +21,12 @@ from safe_inspect.evaluation.shipped import CARD, CHECKPOINT, CONFIGURATION, REC
 from safe_inspect.experiments.export.export import Exported, export_policy, portable, training_record
 from safe_inspect.experiments.modules.checkpoints import (
     MODULES,
+    WEIGHTS,
+    Checkpoint,
     configuration_of,
     newest_checkpoint,
     policy_folder,
     policy_names,
-    read_checkpoint,
-    seal_checkpoint,
-    weights_path,
 )
 from safe_inspect.experiments.settings.policies import SINGLE
 from safe_inspect.outputs import new_folder
@@ -204,8 +203,8 @@ def _copy_weights(source: Path, target: Path) -> None:
     for policy in policy_names(source):
         folder = target / MODULES / policy
         folder.mkdir(parents=True)
-        shutil.copy(weights_path(policy_folder(source, policy)), folder)
-    seal_checkpoint(replace(read_checkpoint(source), path=target))
+        shutil.copy(policy_folder(source, policy) / WEIGHTS, folder)
+    replace(Checkpoint.read(source), path=target).seal()
 
 
 def _row(done: Exported) -> tuple[str, str, str, str]:

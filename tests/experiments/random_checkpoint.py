@@ -79,7 +79,7 @@ def make_module(agent, seed=0, module_class=None, **model):
 
 def save_run(folder, experiment, modules, keep_info=False):
     """Write a run's folder with one checkpoint of these modules, by the names of their policies; return that."""
-    from safe_inspect.experiments.modules.checkpoints import INFO, Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.modules.checkpoints import INFO, Checkpoint
     from safe_inspect.experiments.settings.policies import policy_info
 
     outside = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
@@ -89,7 +89,7 @@ def save_run(folder, experiment, modules, keep_info=False):
         if not keep_info:
             module.model_config[INFO] = policy_info(experiment, name, agents).metadata()
         module.save_to_path(str(checkpoint / "learner_group" / "learner" / "rl_module" / name))
-    seal_checkpoint(Checkpoint(checkpoint, 7, 28_000, 12.5, "d"))
+    Checkpoint(checkpoint, 7, 28_000, 12.5, "d").seal()
     (folder / "experiment.resolved.yml").write_text(f"# From here\n{yaml.safe_dump(experiment.resolved)}")
     record = {"safe_inspect": "0.0.1", "seed": 4, "git_commit": "abc+", "python": "3.11", "digest": "d"}
     record |= {"configuration": {}, "attempts": [{"started": "2026-01-01T00:00:00+00:00", "host": "somewhere"}]}

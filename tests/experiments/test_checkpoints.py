@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.modules.checkpoints import SEAL, Checkpoint, find_newest, read_checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import SEAL, Checkpoint, find_newest
 
 
 def save(folder, iteration, digest="d", sealed=True):
@@ -15,13 +15,13 @@ def save(folder, iteration, digest="d", sealed=True):
     (path / "algorithm_state.pkl").write_bytes(bytes([iteration]) * 100)
     (path / "learner" / "state.pkl").write_bytes(bytes([iteration]) * 1000)
     if sealed:
-        seal_checkpoint(Checkpoint(path, iteration, 64 * iteration, 1.5 * iteration, digest))
+        Checkpoint(path, iteration, 64 * iteration, 1.5 * iteration, digest).seal()
     return path
 
 
 def test_what_was_sealed_is_read(tmp_path):
     path = save(tmp_path, 5)
-    assert read_checkpoint(path) == Checkpoint(path, 5, 320, 7.5, "d")
+    assert Checkpoint.read(path) == Checkpoint(path, 5, 320, 7.5, "d")
 
 
 def flip(path):
@@ -45,14 +45,14 @@ def test_damage_is_found_and_named(tmp_path, damage, text):
     path = save(tmp_path, 5)
     damage(path)
     with pytest.raises(CheckpointError, match=text):
-        read_checkpoint(path)
+        Checkpoint.read(path)
 
 
 def test_the_newest_is_the_highest_iteration_of_all_attempts(tmp_path):
     save(tmp_path / "000" / "trial_00000", 8)
     expected = save(tmp_path / "001" / "trial_00000", 9)
     save(tmp_path / "002" / "trial_00000", 7)
-    assert find_newest(tmp_path).newest.path == expected
+    assert find_newest(tmp_path)[0].path == expected
 
 
 def test_damaged_unfinished_and_foreign_ones_are_passed_over(tmp_path):
@@ -60,13 +60,11 @@ def test_damaged_unfinished_and_foreign_ones_are_passed_over(tmp_path):
     flip(save(tmp_path, 4) / "algorithm_state.pkl")
     save(tmp_path, 5, digest="another")
     save(tmp_path, 6, sealed=False)
-    found = find_newest(tmp_path, "d")
-    assert found.newest.path == good
-    assert len(found.refused) == 3
-    assert any("another configuration" in sentence for sentence in found.refused)
+    newest, refused = find_newest(tmp_path, "d")
+    assert newest.path == good
+    assert len(refused) == 3
+    assert any("another configuration" in sentence for sentence in refused)
 
 
 def test_nothing_is_found_where_nothing_is(tmp_path):
-    found = find_newest(tmp_path)
-    assert found.newest is None
-    assert not found.refused
+    assert find_newest(tmp_path) == (None, [])

@@ -77,7 +77,7 @@ def test_the_best_combination_is_flown_and_exported(run, module, tmp_path):
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    assert export_policy(find_newest(run).newest.path, tmp_path / "dqn.onnx").difference.passes
+    assert export_policy(find_newest(run)[0].path, tmp_path / "dqn.onnx").difference.passes
     np.testing.assert_array_equal(safe_inspect.load_policy(tmp_path / "dqn.onnx").predict(observations), wanted)
 
 
@@ -103,19 +103,19 @@ def test_recurrent_policies_are_exported_and_distributions_of_returns_are_not(tm
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    assert export_policy(find_newest(run).newest.path, tmp_path / "a.onnx").info.state == {"state_h": 8, "state_c": 8}
+    assert export_policy(find_newest(run)[0].path, tmp_path / "a.onnx").info.state == {"state_h": 8, "state_c": 8}
     (tmp_path / "b").mkdir()
     run = _save(tmp_path / "b", _module(num_atoms=5))
     assert safe_inspect.load_policy(run).predict(np.zeros(11, np.float32)).shape == (3,)
     with pytest.raises(CheckpointError, match=r"a distribution of returns \(`num_atoms`\); train without"):
-        export_policy(find_newest(run).newest.path, tmp_path / "b.onnx")
+        export_policy(find_newest(run)[0].path, tmp_path / "b.onnx")
 
 
 def test_it_does_not_fly_with_policies_that_learn(run):
     from safe_inspect.config.spec import PolicySpec
     from safe_inspect.experiments.modules.policy import check_frozen
 
-    frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run).newest.path))
+    frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run)[0].path))
     with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
         check_frozen({"old": frozen}, [])
 

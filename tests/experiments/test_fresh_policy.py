@@ -71,10 +71,10 @@ def test_a_checkpoint_keeps_what_of_the_task_lives_through_resets(algorithm, tea
 
 def saved(algo, folder):
     """Save an algorithm as a run does, sealed."""
-    from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
+    from safe_inspect.experiments.modules.checkpoints import Checkpoint
 
     algo.save_to_path(str(folder))
-    seal_checkpoint(Checkpoint(folder, 1, 100, 1.0))
+    Checkpoint(folder, 1, 100, 1.0).seal()
     return str(folder)
 
 

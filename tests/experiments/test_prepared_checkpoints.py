@@ -19,7 +19,7 @@ from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.modules.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import MODULES, WEIGHTS, Checkpoint, find_newest
 
 MIXED = configs_root() / "multiagent-translational-inspection" / "experiment-mixed.yml"
 
@@ -63,7 +63,7 @@ def prepare(folder, marker):
     for path in pickles:
         path.write_bytes(content)
     for seal in list(folder.rglob("safe_inspect.json")):
-        seal_checkpoint(Checkpoint(seal.parent, found["iteration"], found["steps"], found["seconds"], found["digest"]))
+        Checkpoint(seal.parent, found["iteration"], found["steps"], found["seconds"], found["digest"]).seal()
     return len(pickles)
 
 
@@ -82,7 +82,7 @@ def test_the_pickles_would_run(prepared):
     folder, marker = prepared
     from ray.rllib.core.rl_module.rl_module import RLModule
 
-    checkpoint = find_newest(folder).newest.path
+    checkpoint = find_newest(folder)[0].path
     RLModule.from_checkpoint(str(checkpoint / MODULES / "default_policy"))
     assert marker.exists()
 
@@ -136,7 +136,7 @@ def open_all(folder):
     )
     from safe_inspect.experiments.modules.sources import open_source
 
-    checkpoint = find_newest(folder).newest.path
+    checkpoint = find_newest(folder)[0].path
     spec, policies = open_source(folder)
     observation = np.linspace(-1.0, 1.0, 22, dtype=np.float32).reshape(2, 11)
     wanted = policies[spec.agents[0].name].inputs(observation)
@@ -158,9 +158,9 @@ def test_a_policy_is_opened_without_any_loader_of_pickles(prepared, no_pickle):
 
 def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
     folder, marker = prepared
-    checkpoint = find_newest(folder).newest
+    checkpoint = find_newest(folder)[0]
     (checkpoint.path / MODULES / "default_policy" / WEIGHTS).unlink()
-    seal_checkpoint(checkpoint)
+    checkpoint.seal()
     for words in (("evaluate", str(folder), "--episodes", "2"), ("export", str(folder)), ("view", str(folder))):
         assert main(list(words)) == 2
         told = capsys.readouterr().err
@@ -172,7 +172,7 @@ def test_a_checkpoint_with_pickles_alone_is_refused(prepared, capsys):
 def test_weights_of_another_version_or_none_are_refused(prepared):
     from safe_inspect.experiments.modules.policy import trained_policy
 
-    checkpoint = find_newest(prepared[0]).newest
+    checkpoint = find_newest(prepared[0])[0]
     path = checkpoint.path / MODULES / "default_policy" / WEIGHTS
     content = path.read_bytes()
     for change, text in (
@@ -186,7 +186,7 @@ def test_weights_of_another_version_or_none_are_refused(prepared):
     ):
         assert change() != content
         path.write_bytes(change())
-        seal_checkpoint(checkpoint)
+        checkpoint.seal()
         with pytest.raises(CheckpointError, match=text):
             trained_policy(checkpoint.path)
 
@@ -196,7 +196,7 @@ def test_trainings_start_from_a_prepared_checkpoint(algorithm, tmp_path):
     model = {"fcnet_hiddens": [16, 16]}
     one = algorithm({"team": ONE}, model_config=model)
     one.save_to_path(str(tmp_path / "checkpoint"))
-    seal_checkpoint(Checkpoint(tmp_path / "checkpoint", 1, 100, 1.0))
+    Checkpoint(tmp_path / "checkpoint", 1, 100, 1.0).seal()
     assert prepare(tmp_path, tmp_path / "marker") >= len(PICKLES)
     wanted = one.learner_group._learner.module["default_policy"].state_dict()
     team = [TEAM[0], {**TEAM[1], "size": 11}]
@@ -239,6 +239,6 @@ def test_a_training_as_a_user_types_it(tmp_path):
     (run,) = (tmp_path / "out").iterdir()
     from safe_inspect.experiments.modules.policy import trained_policy
 
-    frozen = trained_policy(find_newest(run).newest.path, "red_ctrl").module.state_dict()
+    frozen = trained_policy(find_newest(run)[0].path, "red_ctrl").module.state_dict()
     for name, value in module.state_dict().items():
         np.testing.assert_array_equal(frozen[name].numpy(), value.numpy())

@@ -80,14 +80,14 @@ def killed(tmp_path_factory):
 def test_a_killed_training_continues_from_the_newest_good_checkpoint(killed, tmp_path):
     run, temporary = killed
     copy = shutil.copytree(run, tmp_path / "run")
-    newest = find_newest(copy / "tune").newest
+    newest = find_newest(copy / "tune")[0]
     assert newest.iteration >= 3
     state = newest.path / "learner_group" / "learner" / "state.pkl"
     state.write_bytes(state.read_bytes()[:1000])
     unfinished = newest.path.with_name("checkpoint_000099")
     unfinished.mkdir()
     (unfinished / "rllib_checkpoint.json").write_text("{}")
-    reached = find_newest(copy / "tune").newest.iteration
+    reached = find_newest(copy / "tune")[0].iteration
     assert reached < newest.iteration
     printed, progress = finish("unused", reached + 2, copy)
     assert printed == [str(reached + 2), "False"]
@@ -152,7 +152,7 @@ def test_a_stopped_training_saves_a_checkpoint_and_leaves_nothing(tmp_path, send
     iteration, interrupted = printed.split()
     assert interrupted == "True"
     assert "with a checkpoint" in progress
-    assert find_newest(run / "tune").newest.iteration == int(iteration)
+    assert find_newest(run / "tune")[0].iteration == int(iteration)
     assert not Path(temporary).exists()
     deadline = time.monotonic() + 5
     while processes(temporary) and time.monotonic() < deadline:

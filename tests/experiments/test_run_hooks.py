@@ -59,7 +59,7 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     monkeypatch.setattr(tune_run, "TrainingLog", Log)
     monkeypatch.setattr(tune_run, "TrainingProgress", Lines)
-    monkeypatch.setattr(tune_run, "seal_checkpoint", lambda sealed: found.append(sealed))
+    monkeypatch.setattr(Checkpoint, "seal", lambda sealed: found.append(sealed))
     return found
 
 
@@ -296,7 +296,7 @@ def test_what_came_of_each_trial_is_in_its_folder(tmp_path: Path, monkeypatch: p
         RunFolder(folder).write_parameters({"lr": number}, 3)
     (folders[0] / "progress.csv").write_text("iteration,steps,return_mean,success_rate\n1,10,0.5,0.1\n2,20,1.5,\n")
     newest = {folders[0]: Checkpoint(folders[0] / "c", 2), folders[1]: None}
-    monkeypatch.setattr(trials, "find_newest", lambda folder: SimpleNamespace(newest=newest[folder]))
+    monkeypatch.setattr(trials, "find_newest", lambda folder: (newest[folder], []))
     first, second = read_trials(RunFolder(tmp_path))
     assert (first.folder, first.parameters, first.iteration, first.steps) == (folders[0], {"lr": 0, "seed": 3}, 2, 20)
     assert (first.return_mean, first.checkpoint) == (1.5, folders[0] / "c")

@@ -63,7 +63,7 @@ def test_the_exported_file_gives_its_mean(run, tmp_path):
     pytest.importorskip("onnx")
     from safe_inspect.experiments.export.export import export_policy
 
-    done = export_policy(find_newest(run).newest.path, tmp_path / "sac.onnx")
+    done = export_policy(find_newest(run)[0].path, tmp_path / "sac.onnx")
     assert done.difference.passes
     policy, file = safe_inspect.load_policy(run), safe_inspect.load_policy(tmp_path / "sac.onnx")
     observations, _ = policy.make_vec(64).reset(seed=3)

@@ -214,4 +214,4 @@ def test_a_trial_of_a_search_is_repeated_alone(ray_session, tmp_path, capsys):
     digests = [json.loads((folder / "run.json").read_text())["digest"] for folder in (trial, alone)]
     assert digests[0] == digests[1]
     assert main(["--resume", str(trial), "config.config.tune_config.stop={training_iteration: 4}"]) == 0
-    assert find_newest(trial).newest.iteration == 4
+    assert find_newest(trial)[0].iteration == 4

@@ -13,7 +13,7 @@ import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, SafeInspectError
-from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import Checkpoint
 from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import train as module
 from safe_inspect.experiments.runs import tune_run
@@ -44,7 +44,7 @@ class Tune:
             checkpoint = folder.tune / "000" / "trial" / f"checkpoint_{iteration:06d}"
             checkpoint.mkdir(parents=True, exist_ok=True)
             (checkpoint / "data").write_text("whole")
-            seal_checkpoint(Checkpoint(checkpoint, iteration, 1000 * iteration, 10.0 * iteration, digest))
+            Checkpoint(checkpoint, iteration, 1000 * iteration, 10.0 * iteration, digest).seal()
         if self.progress:
             folder.progress.write_text("iteration\n1\n")
         if self.raises is not None:

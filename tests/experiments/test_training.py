@@ -14,7 +14,7 @@ import pytest
 from training_values import MAKER, QUICK
 
 from safe_inspect.errors import CheckpointError, ConfigError, OutputError, PluginValueError, SafeInspectError
-from safe_inspect.experiments.modules.checkpoints import MODULES, SEAL, find_newest, read_checkpoint
+from safe_inspect.experiments.modules.checkpoints import MODULES, SEAL, Checkpoint, find_newest
 from safe_inspect.experiments.runs.progress import TrainingLog, read_progress
 from safe_inspect.experiments.runs.train import train
 from safe_inspect.experiments.runs.training_run import TrainingRun
@@ -96,7 +96,7 @@ def test_the_learning_curve_holds_the_task(trained):
 
 def test_checkpoints_are_sealed_and_hold_the_policy(trained):
     result, _, _ = trained
-    newest = find_newest(result.folder / "tune").newest
+    newest = find_newest(result.folder / "tune")[0]
     assert newest.path == result.checkpoint
     assert (newest.iteration, newest.steps) == (2, result.steps)
     from ray.rllib.core.rl_module.rl_module import RLModule
@@ -131,7 +131,7 @@ def test_a_finished_run_continues_with_a_later_limit(trained):
     assert [row["iteration"] for row in read_progress(result.folder / "progress.csv")] == [1, 2, 3]
     record = json.loads((result.folder / "run.json").read_text())
     assert record["attempts"][1]["iteration"] == 2
-    assert find_newest(result.folder / "tune").newest.iteration == 3
+    assert find_newest(result.folder / "tune")[0].iteration == 3
     stream = io.StringIO()
     again = train(resumed(run, result), stream)  # its limit is two iterations
     assert again.iteration == 3
@@ -181,9 +181,9 @@ def test_the_best_checkpoint_is_kept_next_to_the_newest(ray_session, tmp_path):
         maker=MAKER,
     )
     result = train(run, io.StringIO())
-    kept = {read_checkpoint(path.parent).iteration for path in result.folder.glob(f"tune/*/*/checkpoint_*/{SEAL}")}
+    kept = {Checkpoint.read(path.parent).iteration for path in result.folder.glob(f"tune/*/*/checkpoint_*/{SEAL}")}
     assert kept == {1, 4}
-    assert (read_checkpoint(result.best).iteration, read_checkpoint(result.checkpoint).iteration) == (1, 4)
+    assert (Checkpoint.read(result.best).iteration, Checkpoint.read(result.checkpoint).iteration) == (1, 4)
 
 
 @pytest.mark.slow
@@ -199,7 +199,7 @@ def test_a_runner_that_is_killed_is_one_message_that_says_how_to_continue(ray_se
         train(run, io.StringIO())
     (folder,) = tmp_path.iterdir()
     assert str(caught.value).endswith(f"; continue with --resume {folder}")
-    assert find_newest(folder).newest.iteration >= 1
+    assert find_newest(folder)[0].iteration >= 1
 
 
 @pytest.mark.slow
@@ -231,8 +231,8 @@ def test_a_search_trains_each_value_and_can_be_resumed(ray_session, tmp_path, qu
         assert record["configuration"]["rllib_configs"]["lr"] == lr
         assert record["configuration"]["experiment"]["agent_config"][0]["policy"]["config"] == {"lr": lr, "seed": seed}
         assert (record["seed"], len(record["attempts"])) == (seed, 1)
-        assert find_newest(trial.folder).newest.path == trial.checkpoint
-        assert find_newest(trial.folder).newest.digest == record["digest"]
+        assert find_newest(trial.folder)[0].path == trial.checkpoint
+        assert find_newest(trial.folder)[0].digest == record["digest"]
         returns.append(last["env_runners/episode_return_mean"])
     assert len(set(returns)) == 4  # no trial repeats another
     with pytest.raises(CheckpointError, match=r"a search with 4 trials.*\n.*trial_00000  lr 0\.0001, seed 7\n"):
@@ -268,4 +268,4 @@ def test_a_full_disk_is_one_message_that_says_how_to_continue(ray_session, tmp_p
     (run,) = tmp_path.iterdir()
     wanted = f"{run}: the disk is full (No space left on device); free some space and continue with --resume {run}"
     assert str(caught.value) == wanted
-    assert find_newest(run / "tune").newest.iteration == 2
+    assert find_newest(run / "tune")[0].iteration == 2

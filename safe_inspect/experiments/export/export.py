@@ -30,11 +30,11 @@ from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
 from safe_inspect.experiments.modules.checkpoints import (
+    Checkpoint,
     configuration_of,
     known_configuration,
     known_info,
     policy_folder,
-    read_checkpoint,
 )
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
 from safe_inspect.experiments.modules.run_folder import RunFolder
@@ -261,7 +261,7 @@ def portable(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
 def training_record(checkpoint: str | os.PathLike[str]) -> dict[str, Any]:
     """Return data about the training from the checkpoint and the folder of its run, without data about the machine."""
-    found = read_checkpoint(checkpoint)
+    found = Checkpoint.read(checkpoint)
     training: dict[str, Any] = {"iteration": found.iteration, "steps": found.steps, "seconds": round(found.seconds, 1)}
     own = configuration_of(checkpoint)
     if own is None:

@@ -12,13 +12,12 @@ are known, and ``net``, with the spaces and RLlib's `model_config`.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -71,65 +70,41 @@ class Checkpoint:
     seconds: float = 0.0
     digest: str = ""
 
+    def seal(self) -> None:
+        """Mark the checkpoint as complete by writing its seal."""
+        content = {**asdict(self), "path": None, "files": _sums(self.path)}
+        with new_file(self.path / SEAL) as work:
+            work.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
-@dataclass
-class FoundCheckpoint:
-    """The newest complete checkpoint of a run, and the newer folders that were skipped.
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Checkpoint:
+        """Return a checkpoint after comparing all its files with its seal.
 
-    Attributes:
-        newest: The checkpoint; None if there is none.
-        refused: One sentence for each newer folder that is not a complete checkpoint of the run.
-    """
-
-    newest: Checkpoint | None = None
-    refused: list[str] = field(default_factory=list)
-
-
-def seal_checkpoint(checkpoint: Checkpoint) -> None:
-    """Mark a checkpoint as complete by writing its seal."""
-    content = {**asdict(checkpoint), "path": None, "files": _sums(checkpoint.path)}
-    with new_file(checkpoint.path / SEAL) as work:
-        work.write_text(json.dumps(content, indent=1), encoding="utf-8")
-
-
-def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Return a checkpoint after comparing all its files with its seal.
-
-    Raises:
-        CheckpointError: The checkpoint is missing, incomplete or damaged.
-    """
-    path = Path(path)
-    if not path.is_dir():
-        raise CheckpointError(f"{path}: there is no such checkpoint")
-    try:
-        seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
-        checkpoint = Checkpoint(
-            path, int(seal["iteration"]), int(seal["steps"]), float(seal["seconds"]), str(seal["digest"])
-        )
-        expected: dict[str, list[int]] = seal["files"]
-    except FileNotFoundError:
-        raise CheckpointError(
-            f"{path}: the checkpoint is incomplete, because saving it was interrupted; give an earlier one"
-        ) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
-    found = _sums(path)
-    for name in sorted(expected):
-        if name not in found:
-            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is missing")
-        if found[name] != expected[name]:
-            raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is not what was saved")
-    return checkpoint
-
-
-def checkpoint_hash(checkpoint: Path) -> str:
-    """Return the hash of a checkpoint's files, by name and content, without its seal."""
-    found = hashlib.sha256()
-    for path in sorted(checkpoint.rglob("*")):
-        if path.is_file() and not path.name.startswith(SEAL):
-            found.update(path.relative_to(checkpoint).as_posix().encode())
-            found.update(path.read_bytes())
-    return found.hexdigest()
+        Raises:
+            CheckpointError: The checkpoint is missing, incomplete or damaged.
+        """
+        path = Path(path)
+        if not path.is_dir():
+            raise CheckpointError(f"{path}: there is no such checkpoint")
+        try:
+            seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
+            checkpoint = cls(
+                path, int(seal["iteration"]), int(seal["steps"]), float(seal["seconds"]), str(seal["digest"])
+            )
+            expected: dict[str, list[int]] = seal["files"]
+        except FileNotFoundError:
+            raise CheckpointError(
+                f"{path}: the checkpoint is incomplete, because saving it was interrupted; give an earlier one"
+            ) from None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise CheckpointError(f"{path}: the checkpoint's seal {SEAL} is damaged ({error})") from error
+        found = _sums(path)
+        for name in sorted(expected):
+            if name not in found:
+                raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is missing")
+            if found[name] != expected[name]:
+                raise CheckpointError(f"{path}: the checkpoint is damaged; {name} is not what was saved")
+        return checkpoint
 
 
 def policy_folder(path: str | os.PathLike[str], policy: str | None = None, usual: str = "") -> Path:
@@ -160,57 +135,40 @@ def policy_names(path: str | os.PathLike[str]) -> list[str]:
     Raises:
         CheckpointError: The checkpoint is missing, incomplete or damaged, or contains no policy.
     """
-    names = sorted(folder.name for folder in (read_checkpoint(path).path / MODULES).glob("*") if folder.is_dir())
+    names = sorted(folder.name for folder in (Checkpoint.read(path).path / MODULES).glob("*") if folder.is_dir())
     if not names:
         raise CheckpointError(f"{path}: the checkpoint contains no policy")
     return names
 
 
-def weights_path(folder: Path) -> Path:
-    """Return the file with the weights of a policy.
-
-    Args:
-        folder: Folder of the policy, from `policy_folder`.
-
-    Raises:
-        CheckpointError: The checkpoint has no such file.
-    """
-    path = folder / WEIGHTS
-    if not path.is_file():
-        checkpoint = folder.parents[len(MODULES.parts)]
-        raise CheckpointError(
-            f"{checkpoint}: the checkpoint contains the policy {folder.name!r} only as a pickle, which may run any "
-            "code, so it is not loaded. It was written by an earlier version, or it is your own RLModule. Train again"
-        )
-    return path
-
-
-def find_newest(folder: Path, digest: str = "") -> FoundCheckpoint:
+def find_newest(folder: Path, digest: str = "") -> tuple[Checkpoint | None, list[str]]:
     """Return the complete checkpoint with the highest iteration in `folder`, at any depth.
 
     Args:
         folder: The folder of a run or of a trial, or a folder inside it.
         digest: Hash of the configuration that the checkpoint must have; empty accepts any configuration.
 
+    Returns:
+        The checkpoint, None if there is none, and one sentence for each newer folder that was skipped because it is
+        not a complete checkpoint of the run.
+
     Raises:
         CheckpointError: The folder is that of a search with several trials.
     """
     _check_one_trial(folder)
-    found = FoundCheckpoint()
+    refused: list[str] = []
     for path in sorted(folder.glob("**/checkpoint_*"), key=_order, reverse=True):
         if not path.is_dir():
             continue
         try:
-            checkpoint = read_checkpoint(path)
+            checkpoint = Checkpoint.read(path)
         except CheckpointError as error:
-            found.refused.append(str(error))
+            refused.append(str(error))
             continue
-        if digest and checkpoint.digest != digest:
-            found.refused.append(f"{path}: the checkpoint has another configuration")
-            continue
-        found.newest = checkpoint
-        break
-    return found
+        if not digest or checkpoint.digest == digest:
+            return checkpoint, refused
+        refused.append(f"{path}: the checkpoint has another configuration")
+    return None, refused
 
 
 def _check_one_trial(folder: Path) -> None:
@@ -255,11 +213,11 @@ def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
         raise CheckpointError(
             f"{path}: this is neither a checkpoint nor the folder of a training run; give one of these"
         )
-    found = find_newest(folder)
-    if found.newest is None:
-        why = found.refused[0] if found.refused else "wait for the first, or give another run"
+    newest, refused = find_newest(folder)
+    if newest is None:
+        why = refused[0] if refused else "wait for the first, or give another run"
         raise CheckpointError(f"{path}: the run has no complete checkpoint; {why}")
-    return found.newest.path
+    return newest.path
 
 
 def configuration_of(checkpoint: str | os.PathLike[str]) -> Path | None:
@@ -357,7 +315,13 @@ def read_weights(folder: Path) -> Weights:
     Raises:
         CheckpointError: The file is missing, damaged or of another version.
     """
-    path = weights_path(folder)
+    path = folder / WEIGHTS
+    if not path.is_file():
+        checkpoint = folder.parents[len(MODULES.parts)]
+        raise CheckpointError(
+            f"{checkpoint}: the checkpoint contains the policy {folder.name!r} only as a pickle, which may run any "
+            "code, so it is not loaded. It was written by an earlier version, or it is your own RLModule. Train again"
+        )
     try:
         with safe_open(path, framework="numpy") as file:
             texts: dict[str, str] = file.metadata() or {}

@@ -34,13 +34,13 @@ from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
 from safe_inspect.experiments.modules.checkpoints import (
-    checkpoint_hash,
+    SEAL,
+    Checkpoint,
     configuration_of,
     known_configuration,
     known_info,
     newest_checkpoint,
     policy_folder,
-    read_checkpoint,
     read_weights,
 )
 from safe_inspect.metrics.base import BaseMetric
@@ -195,7 +195,7 @@ def _open_shipped(text: str, wanted: Wanted) -> Candidate:
     experiment = wanted.load(shipped.experiment if wanted.cfg is None else wanted.cfg)
     if importlib.util.find_spec("onnxruntime") is None:  # the package contains the weights for Torch too
         flying = _checkpoint_policies(shipped.checkpoint, experiment.spec, wanted)
-        source = _source(text, "shipped", shipped.folder, checkpoint_hash(shipped.checkpoint))
+        source = _source(text, "shipped", shipped.folder, _checkpoint_hash(shipped.checkpoint))
         return Candidate(shipped.name, source, experiment, experiment.spec, flying)
     policies = shipped.load(wanted.sampled, wanted.seed)
     outside = [agent.name for agent in experiment.spec.controlled]
@@ -250,12 +250,12 @@ def _open_trained(text: str, wanted: Wanted) -> Candidate:
 
 
 def _open_checkpoint(text: str, folder: Path, wanted: Wanted) -> Candidate:
-    read_checkpoint(folder)
+    Checkpoint.read(folder)
     configuration = configuration_of(folder)
     experiment = wanted.load(known_configuration(folder) if wanted.cfg is None else wanted.cfg)
     policies = _checkpoint_policies(folder, experiment.spec, wanted)
     run = configuration.parent.name if configuration is not None else folder.absolute().parent.name
-    source = _source(text, "checkpoint", folder.absolute(), checkpoint_hash(folder))
+    source = _source(text, "checkpoint", folder.absolute(), _checkpoint_hash(folder))
     return Candidate(f"{run}/{folder.name}", source, experiment, experiment.spec, policies)
 
 
@@ -266,6 +266,16 @@ def _open_onnx(text: str, path: Path, wanted: Wanted) -> Candidate:
     experiment = wanted.build(policy.info.configuration, text) if wanted.cfg is None else wanted.load(wanted.cfg)
     source = _source(text, "onnx", path.absolute(), sha256(path))
     return Candidate(path.stem, source, experiment, policy.prepare(experiment.spec), policy)
+
+
+def _checkpoint_hash(checkpoint: Path) -> str:
+    """Return the hash of a checkpoint's files, by name and content, without its seal."""
+    found = hashlib.sha256()
+    for path in sorted(checkpoint.rglob("*")):
+        if path.is_file() and not path.name.startswith(SEAL):
+            found.update(path.relative_to(checkpoint).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def _checkpoint_policies(path: Path, spec: EnvironmentSpec, wanted: Wanted) -> dict[str, Policy]:

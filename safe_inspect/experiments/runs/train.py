@@ -118,7 +118,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             what = f"{folder.path}: the disk is full ({os.strerror(errno.ENOSPC)})"
             raise OutputError(f"{what}; free some space and {hint}") from None
     trials = read_trials(folder)
-    newest = None if trials else find_newest(folder.path).newest
+    newest = None if trials else find_newest(folder.path)[0]
     iteration = int(monitor.last.get("training_iteration", start.iteration if start else 0))
     steps = int(monitor.last.get("num_env_steps_sampled_lifetime", start.steps if start else 0))
     return TrainingResult(
@@ -160,16 +160,16 @@ def _open(
     if not settings.single:
         check_trials(folder, settings)
         return folder, None
-    found = find_newest(folder.path, digest(learning))
-    for sentence in found.refused:
+    newest, refused = find_newest(folder.path, digest(learning))
+    for sentence in refused:
         print(f"skipped {sentence}", file=stream)
-    if found.newest is None:
-        if found.refused:
+    if newest is None:
+        if refused:
             raise CheckpointError(
                 f"{folder.path}: the run has no complete checkpoint of this configuration; start a new run"
             )
         print(f"{folder.path}: the run has no checkpoint yet; it starts again", file=stream)
-    return folder, found.newest
+    return folder, newest
 
 
 def _reached(start: Checkpoint, stop: Mapping[str, float]) -> list[tuple[str, float]]:

@@ -107,7 +107,7 @@ def read_trials(folder: RunFolder) -> tuple[TrialResult, ...]:
 
 def _read(folder: RunFolder) -> TrialResult:
     last = next(reversed(read_progress(folder.progress)), {})
-    newest = find_newest(folder.path).newest
+    newest, _ = find_newest(folder.path)
     return TrialResult(
         folder.path,
         folder.read_parameters(),

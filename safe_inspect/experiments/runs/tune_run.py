@@ -23,7 +23,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
-from safe_inspect.experiments.modules.checkpoints import Checkpoint, seal_checkpoint
+from safe_inspect.experiments.modules.checkpoints import Checkpoint
 from safe_inspect.experiments.modules.policy import check_frozen
 from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text
 from safe_inspect.experiments.runs import cluster, tune_objects
@@ -106,7 +106,7 @@ class Monitor(tune.Callback, tune.Stopper):
         flat, path = flatten(trial.last_result), Path(checkpoint.path)
         digest = self.digest if self.single else str(RunFolder(path.parent).read_record()["digest"])
         iteration, steps = (int(flat.get(key, 0)) for key in ("training_iteration", "num_env_steps_sampled_lifetime"))
-        seal_checkpoint(Checkpoint(path, iteration, steps, flat.get("time_total_s", 0.0), digest))
+        Checkpoint(path, iteration, steps, flat.get("time_total_s", 0.0), digest).seal()
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
         """Return whether a trial has reached a limit, or the user has interrupted the training."""
