@@ -48,6 +48,7 @@ from safe_inspect.types import AnyArray, FloatArray
 EXPORT_TOLERANCE = 1e-5
 
 _RANDOM_STEPS, _RANDOM_ROWS = 64, 64
+_FLOWN_EPISODES = 16
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def random_readings(agent: AgentSpec, info: PolicyInfo, steps: int, rows: int, s
     return np.asarray(space.sample() * width + centre, dtype=np.float32)
 
 
-def _flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 16, seed: int = 0) -> AnyArray:
+def _flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec) -> AnyArray:
     """Return the observations of rollouts of the file in SI units, float32, shape (T, R, O); other agents coast."""
     names = [agent.name for agent in spec.controlled]
     mine = [name for name in names if name in policy.info.agents]
@@ -142,7 +143,7 @@ def _flown_readings(policy: OnnxPolicy, spec: EnvironmentSpec, episodes: int = 1
         return policy(observation)
 
     task = with_scripted(raw, "zero-thrust", others) if others else raw
-    rollout(task, fly, episodes=episodes, seed=seed, num_envs=episodes)
+    rollout(task, fly, episodes=_FLOWN_EPISODES, seed=0, num_envs=_FLOWN_EPISODES)
     return np.stack(seen)
 
 

@@ -108,7 +108,7 @@ class TanhNet:
             limit.
     """
 
-    def __init__(self, layers: Sequence[torch.nn.Linear], rows: int, limit: float | None = None) -> None:
+    def __init__(self, layers: Sequence[torch.nn.Linear], rows: int, limit: float | None) -> None:
         self._layers = [(layer.weight.detach(), layer.bias.detach()) for layer in layers]
         self._outputs = [torch.empty((rows, len(bias))) for _, bias in self._layers]
         self._hidden: list[AnyArray] = [output.numpy() for output in self._outputs[:-1]]

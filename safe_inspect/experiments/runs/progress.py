@@ -203,31 +203,27 @@ class TrainingProgress:
         limit = self._stop.get("training_iteration", math.inf)
         total = f"/{limit:.0f}" if limit < _ENDLESS else ""
         points = "env_runners/inspected_fraction" in flat  # some tasks have no points to inspect
+        rates = self._rates()
         return self._label + "  ".join(
             (
                 f"iteration {flat.get('training_iteration', 0):>4.0f}{total}",
                 f"steps {flat.get('num_env_steps_sampled_lifetime', 0):>10,.0f}",
-                f"{self._rate('num_env_steps_sampled_lifetime'):>7,.0f}/s",
+                f"{rates['num_env_steps_sampled_lifetime']:>7,.0f}/s",
                 f"return {_number(flat, 'episode_return_mean', '7.3f')}",
                 f"success {_number(flat, 'success_rate', '3.0f', 100.0)} %",
                 *([f"inspected {_number(flat, 'inspected_fraction', '3.0f', 100.0)} %"] if points else []),
                 f"delta-v {_number(flat, 'delta_v', '6.2f')} m/s",
-                f"left {clock_text(self._left(flat))}",
+                f"left {clock_text(time_left(self._stop, flat, rates))}",
             )
         )
 
-    def _rate(self, key: str) -> float:
-        """Return the increase per second over the last ten iterations, excluding the time spent compiling."""
+    def _rates(self) -> dict[str, float]:
+        """Return the increases per second over the last ten iterations, excluding the time spent compiling."""
         first, last = self._recent[0], self._recent[-1]
         if len(self._recent) == 1:
             first = dict.fromkeys(self._TIMED, 0.0)
         seconds = last["time_total_s"] - first["time_total_s"] - (last[COMPILING] - first[COMPILING])
-        return (last[key] - first[key]) / seconds if seconds > 0.0 else 0.0
-
-    def _left(self, flat: Mapping[str, float]) -> float:
-        if not self._recent:
-            return math.inf
-        return time_left(self._stop, flat, {key: self._rate(key) for key in self._TIMED})
+        return {key: (last[key] - first[key]) / seconds if seconds > 0.0 else 0.0 for key in self._TIMED}
 
 
 def _number(flat: Mapping[str, float], name: str, form: str, scale: float = 1.0) -> str:

@@ -148,7 +148,7 @@ class Suggestions(Searcher):
 
     def __init__(self, searcher: Searcher, searched: Mapping[str, Any], metric: str, mode: str) -> None:
         super().__init__(metric=metric, mode=mode)
-        self.searcher = searcher  # the attribute by which Tune finds the searcher to save
+        self.searcher = searcher  # the attribute by which Tune finds the searcher to save and to restore
         self._count = 0
         if not searcher.set_search_properties(metric, mode, tune_space(searched)):
             raise ValueError(
@@ -190,14 +190,6 @@ class Suggestions(Searcher):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore the state that Tune has saved."""
         self._count = state["count"]
-
-    def save(self, checkpoint_path: str) -> None:
-        """Write the state of the searcher."""
-        self.searcher.save(checkpoint_path)
-
-    def restore(self, checkpoint_path: str) -> None:
-        """Read the state of the searcher."""
-        self.searcher.restore(checkpoint_path)
 
 
 def tune_space(searched: Mapping[str, Any]) -> dict[str, Any]:

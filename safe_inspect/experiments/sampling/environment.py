@@ -51,7 +51,7 @@ def first_slot(worker_index: int, num_envs: int) -> int:
     return max(worker_index - 1, 0) * num_envs
 
 
-def stream_seed(seed: int, attempt: int = 0, evaluation: bool = False) -> int:
+def stream_seed(seed: int, attempt: int, evaluation: bool) -> int:
     """Return the seed of the environments, 0 to 2**64 - 1.
 
     The first attempt trains with the seed of the run. The episodes of the evaluation and of a resumed run, whose slots
