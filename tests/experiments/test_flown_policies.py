@@ -18,6 +18,7 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
 from safe_inspect.experiments.modules import policy, sources
+from safe_inspect.experiments.modules.checkpoints import known_info
 from safe_inspect.experiments.modules.policy import FrozenPolicy, TrainedPolicy, check_frozen, frozen_spec
 from safe_inspect.experiments.modules.saved_policy import BestChoices, TorchHurdle, distribution_of_module
 from safe_inspect.experiments.modules.sources import LoadedPolicy, load_policy
@@ -299,7 +300,7 @@ def test_a_checkpoint_gives_its_policy(checkpoint: Path, continuous: Any) -> Non
     saved = make_module(continuous.spec.agents[0], seed=4)
     found = policy.trained_policy(checkpoint, "default_policy", sampled=True, seed=7)
     assert (found.sampled, found.seed, found.recurrent) == (True, 7, False)
-    assert found.info is not None
+    assert known_info(found.module.model_config, "").distribution == "gaussian"
     seen = np.random.default_rng(3).normal(size=(5, observation_layout(continuous.spec.agents[0]).size))
     seen = seen.astype(np.float32)
     with torch.no_grad():

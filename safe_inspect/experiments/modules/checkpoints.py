@@ -264,22 +264,22 @@ class Weights:
     @property
     def info(self) -> PolicyInfo | None:
         """The description of the policy; None if the checkpoint does not contain it."""
-        return info_of(self.model)
+        return _info_of(self.model)
 
 
-def info_of(model: Mapping[str, Any]) -> PolicyInfo | None:
+def _info_of(model: Mapping[str, Any]) -> PolicyInfo | None:
     """Return the description of a policy from its `model_config`; None if that does not contain it."""
     texts = model.get(INFO) or {}
     return PolicyInfo.of(texts) if "observation" in texts else None
 
 
 def known_info(model: Mapping[str, Any], title: str) -> PolicyInfo:
-    """Return the description of a policy, see `info_of`.
+    """Return the description of a policy, see `Weights.info`.
 
     Raises:
         CheckpointError: There is none.
     """
-    found = info_of(model)
+    found = _info_of(model)
     if found is None:
         raise CheckpointError(
             f"{title}: the checkpoint does not describe its policy's observation and action, so it cannot be used; "
@@ -340,7 +340,7 @@ def read_weights(folder: Path) -> Weights:
             )
         net = json.loads(texts.pop("net"))
         model = {**net["model_config"], INFO: texts}
-        info_of(model)  # checks the metadata now and not when it is first used
+        _info_of(model)  # checks the metadata now and not when it is first used
         return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
         raise CheckpointError(f"{path}: the weights are damaged ({error}); use another checkpoint") from None
@@ -381,7 +381,7 @@ def starting_weights(source: str, model: Mapping[str, object]) -> Mapping[str, A
             observes, or its actions differ.
     """
     weights = initial_weights(source)
-    theirs, mine = weights.info, info_of(model)
+    theirs, mine = weights.info, _info_of(model)
     if theirs is None or mine is None:
         return weights.arrays
     difference = difference_of(theirs.action, mine.action)

@@ -32,16 +32,9 @@ from safe_inspect.environments.facades.spaces import action_space, box
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
-from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout
+from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.shipped import shipped_policies
-from safe_inspect.experiments.modules.checkpoints import (
-    INFO,
-    Weights,
-    info_of,
-    policy_folder,
-    read_weights,
-    starting_weights,
-)
+from safe_inspect.experiments.modules.checkpoints import INFO, Weights, policy_folder, read_weights, starting_weights
 from safe_inspect.experiments.modules.saved_policy import (
     CHOICES,
     COASTS,
@@ -319,11 +312,6 @@ class TrainedPolicy:
         self._rows = 0
         self._flight: Flight | None = None
         self._steps = 0
-
-    @property
-    def info(self) -> PolicyInfo | None:
-        """The description of the policy; None if its checkpoint does not contain it."""
-        return info_of(self.module.model_config)
 
     def begin(self, flight: Flight) -> None:
         """Start a rollout: set the slots of the rows, for sampled actions, and reset any recurrent state."""
