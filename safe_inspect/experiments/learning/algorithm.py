@@ -23,6 +23,7 @@ from ray.rllib.utils import replay_buffers
 from ray.tune.registry import get_trainable_cls, register_env
 
 from safe_inspect.config.elements import CONTROL_STEPS
+from safe_inspect.config.experiment import build_experiment
 from safe_inspect.config.keys.rllib_keys import CHANGING_KEYS, FRESH_KEYS, OWN_KEYS
 from safe_inspect.config.spec import PolicySpec
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
@@ -32,7 +33,7 @@ from safe_inspect.experiments.sampling.env_runners import BatchedEnvRunner, Batc
 from safe_inspect.experiments.sampling.environment import TeamMultiAgentEnv, TrainingEnv
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
 from safe_inspect.experiments.settings.objects import built_as, class_of
-from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, SINGLE, policy_texts
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, SINGLE, experiment_in, policy_info
 
 #: Attributes of `AlgorithmConfig` whose names differ from those of the keys.
 ATTRIBUTES = {"lambda": "lambda_"}
@@ -66,7 +67,7 @@ def build_config(
         CheckpointError: A policy's checkpoint cannot be read.
     """
     settings = rllib.settings
-    texts = {} if any(map(settings.get, CHANGING_KEYS)) else policy_texts(env_config, policies or {})
+    texts = {} if any(map(settings.get, CHANGING_KEYS)) else _policy_texts(env_config, policies or {})
     _check_decisions(settings, texts)
     config = default_config(settings["algorithm"])
     buffer = getattr(config, "replay_buffer_config", None)
@@ -100,6 +101,24 @@ def build_config(
     except ValueError as error:
         raise ConfigError(Problem(str(error).split("\nTo suppress")[0], "rllib_configs")) from error
     return config
+
+
+def _policy_texts(environments: Mapping[str, Any], policies: Mapping[str, PolicySpec]) -> dict[str, Mapping[str, str]]:
+    """Return the metadata of each policy's `PolicyInfo`, by the policy's name.
+
+    Args:
+        environments: RLlib's environment configuration, see `environment_settings`.
+        policies: The policies by name if there are several agents; empty for a single agent.
+
+    Returns:
+        The metadata; empty if the environments are not this package's own.
+    """
+    if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
+        return {}
+    experiment = build_experiment(experiment_in(environments))
+    agents = experiment.spec.controlled
+    flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
+    return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}
 
 
 def _hook_of(callbacks: Iterable[type[Any]]) -> str:

@@ -18,14 +18,7 @@ from ray.rllib.core.columns import Columns
 from ray.rllib.core.learner.learner import ENTROPY_KEY, POLICY_LOSS_KEY, VF_LOSS_KEY
 
 from safe_inspect.compiling import njit
-from safe_inspect.experiments.learning.ppo_kernels import (
-    Batch,
-    Form,
-    Sampled,
-    Terms,
-    policy_gradient,
-    value_gradient,
-)
+from safe_inspect.experiments.learning.ppo_kernels import Batch, Form, Sampled, Terms, policy_gradient, value_gradient
 from safe_inspect.experiments.modules.tanh_net import TRAINING, PlainLayers, TanhNet, linear_layers
 from safe_inspect.random.action_draws import Categorical, Hurdle
 from safe_inspect.types import AnyArray, IntArray

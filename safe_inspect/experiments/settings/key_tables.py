@@ -16,7 +16,6 @@ from safe_inspect.errors import Problem
 GRID = "grid_search"
 #: Tune's names of the random searches: from a list, or between two numbers (`randint` excludes the second).
 CHOICE, UNIFORM, LOGUNIFORM, RANDINT = DRAWN = ("choice", "uniform", "loguniform", "randint")
-EVAL = "eval"
 
 
 def _checked_value(kind: Any, value: Any) -> tuple[Any, str]:
@@ -51,23 +50,6 @@ def _json_types(kind: Any) -> frozenset[str]:
 def is_searched(value: Any) -> bool:
     """Return whether the value is a search over several values."""
     return isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in (GRID, *DRAWN)
-
-
-def named_values(value: Any) -> list[Any]:
-    """Return the values listed in a search, including the ends of a range; a list of the value itself if it is none."""
-    given = next(iter(value.values())) if is_searched(value) else [value]
-    return list(given) if isinstance(given, list | tuple) else [given]
-
-
-def resolved_by_tune(value: Any) -> str:
-    """Return the first keyword that Tune would resolve at any depth of a value (a search or `eval`); empty if none."""
-    if isinstance(value, Mapping):
-        if is_searched(value) or set(value) == {EVAL}:
-            return str(next(iter(value)))
-        value = value.values()
-    elif not isinstance(value, list | tuple):
-        return ""
-    return next(filter(None, map(resolved_by_tune, value)), "")
 
 
 def _searched(kind: Any, word: str, values: Any) -> dict[str, Any]:

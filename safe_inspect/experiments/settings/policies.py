@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.elements import commanded_elements, observed_elements
-from safe_inspect.config.experiment import Experiment, build_experiment
+from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.environments.group import AgentGroup
 from safe_inspect.environments.layout import Layout, action_layout
@@ -136,24 +136,6 @@ def policy_info(
         step_size=experiment.spec.step_size,
         configuration={},
     )
-
-
-def policy_texts(environments: Mapping[str, Any], policies: Mapping[str, PolicySpec]) -> dict[str, Mapping[str, str]]:
-    """Return the metadata of each policy's `PolicyInfo`, by the policy's name.
-
-    Args:
-        environments: RLlib's environment configuration, see `environment_settings`.
-        policies: The policies by name if there are several agents; empty for a single agent.
-
-    Returns:
-        The metadata; empty if the environments are not this package's own.
-    """
-    if environments.get("maker", DEFAULT_MAKER) != DEFAULT_MAKER:
-        return {}
-    experiment = build_experiment(experiment_in(environments))
-    agents = experiment.spec.controlled
-    flown = {name: [agent for agent in agents if agent.name in policy.agents] for name, policy in policies.items()}
-    return {name: policy_info(experiment, name, its).metadata() for name, its in (flown or {SINGLE: agents}).items()}
 
 
 def _merged(layouts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:

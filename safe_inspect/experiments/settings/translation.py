@@ -15,18 +15,13 @@ from safe_inspect.config.keys import rllib_keys as keys
 from safe_inspect.config.keys.rllib_keys import keys_of_release
 from safe_inspect.config.keys.value_types import NUMBER, numeric
 from safe_inspect.errors import Problem, did_you_mean
-from safe_inspect.experiments.settings.key_tables import (
-    EVAL,
-    KeyTables,
-    TranslatedSettings,
-    is_searched,
-    named_values,
-    resolved_by_tune,
-)
+from safe_inspect.experiments.settings.key_tables import KeyTables, TranslatedSettings, is_searched
 
 _MODEL = KeyTables(keys.MODEL_KEYS | keys.FRESH_KEYS, old_keys.MODEL_RENAMED, {}, old_keys.MODEL_ONLY_AT)
 _REFUSED = old_keys.RESERVED | dict.fromkeys(_MODEL.known, "it is a key of `model_config`")
 _TUNE = KeyTables(run_keys.TUNE_KEYS, run_keys.TUNE_RENAMED, run_keys.TUNE_DROPPED, run_keys.TUNE_ONLY_AT)
+#: Tune runs the code in a mapping with this key.
+_EVAL = "eval"
 #: The default metric by which trials are ranked.
 METRIC = "env_runners/episode_return_mean"
 _LIMIT = numeric(float, Ge(1))
@@ -204,13 +199,30 @@ def _hidden_searches(mapping: Mapping[str, Any], path: str) -> list[Problem]:
     for given, value in mapping.items():
         if current_name(str(given)) in ("model_config", "evaluation_config"):
             continue  # the keys of these mappings are checked separately
-        word = next(filter(None, map(resolved_by_tune, named_values(value))), "")
+        word = next(filter(None, map(_resolved_by_tune, _named_values(value))), "")
         message = f"`{word}` is only supported for the keys of `rllib_configs` themselves"
-        if word == EVAL:
+        if word == _EVAL:
             message = "`eval` contains code, which Tune would run; give the value itself"
         if word:
             problems.append(Problem(message, f"{path}.{given}"))
     return problems
+
+
+def _named_values(value: Any) -> list[Any]:
+    """Return the values listed in a search, including the ends of a range; a list of the value itself if it is none."""
+    given = next(iter(value.values())) if is_searched(value) else [value]
+    return list(given) if isinstance(given, list | tuple) else [given]
+
+
+def _resolved_by_tune(value: Any) -> str:
+    """Return the first keyword that Tune would resolve at any depth of a value (a search or `eval`); empty if none."""
+    if isinstance(value, Mapping):
+        if is_searched(value) or set(value) == {_EVAL}:
+            return str(next(iter(value)))
+        value = value.values()
+    elif not isinstance(value, list | tuple):
+        return ""
+    return next(filter(None, map(_resolved_by_tune, value)), "")
 
 
 def _above(limit: float) -> Callable[[Any], bool]:
@@ -258,7 +270,7 @@ def _choose_fast_paths(settings: dict[str, Any]) -> tuple[list[str], list[Proble
     if algorithm not in keys.BATCHED_ALGORITHMS:
         sampling = f"the batched runner supports {', '.join(keys.BATCHED_ALGORITHMS)}, not {algorithm}"
     for key, (needed, runner, learner) in _STOCK_KEYS.items():
-        if any(value is not None and needed(value) for value in named_values(settings.get(key))):
+        if any(value is not None and needed(value) for value in _named_values(settings.get(key))):
             sampling = sampling or (runner and f"{runner} (`{key}`)")
             learning = learning or (learner and f"{learner} (`{key}`)")
     if sampling and settings["env_runner"] == "batched":
