@@ -17,12 +17,12 @@ from safe_inspect.config.building.team import policies_of
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import REPLACED, LocatedDict, ResolvedExperiment, locate, path_text
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, Place, ResolvedExperiment, path_text
 from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.models import ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
-from safe_inspect.config.report import Place, problems_of
+from safe_inspect.config.report import problems_of
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
 from safe_inspect.dones.limits import MAX_HORIZON, EpisodeLengthDone
 from safe_inspect.errors import ConfigError, Problem, did_you_mean
@@ -106,14 +106,11 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
     except ValidationError as error:
         found = [*problems, *problems_of(error, expanded, model=ExperimentConfig)]
         raise ConfigError(_listed(found, expanded)) from None
-
-    def add(where: tuple[Any, ...], message: str) -> None:
-        problems.append(Problem(message, path_text(where), locate(expanded, where)))
-
-    root = Place(add)
+    root = Place(expanded, problems)
     for name, entries in (("platform_config", config.platform_config), ("agent_config", config.agent_config)):
         if not entries:
-            raise ConfigError([*problems, Problem("the list is empty; add an entry", name, locate(expanded, (name,)))])
+            root.report("the list is empty; add an entry", name)
+            raise ConfigError(problems)
     policies = policies_of(config, root)
     rllib, policies = _rllib(config, policies, compute_platform, root)
     horizon = _horizon(config, rllib, root)

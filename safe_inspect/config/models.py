@@ -80,6 +80,10 @@ ParameterField: Any = Annotated[
 ]
 
 
+#: Path of the environment in an experiment.
+ENVIRONMENT_PATH = ("config", "config", "env_config")
+
+
 class Model(StrictNumbers):
     """Base of the models: frozen, with unknown keys forbidden."""
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -89,7 +88,7 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
 
 
-def functor_problems(error: PydanticCustomError) -> Iterator[tuple[KeyTuple, str]]:
+def functor_problems(error: PydanticCustomError) -> Iterator[tuple[tuple[Any, ...], str]]:
     """Yield path and description of each mistake in an error of `safe_inspect.plugins.functor.build`."""
     for problem in (error.context or {})["errors"]:
         yield tuple(problem["loc"]), text_of(problem)
@@ -122,36 +121,6 @@ def _nearest(error: Mapping[str, Any], given: Any) -> str:
     hint = did_you_mean(given, str(error["ctx"]["expected"]).split("'")[1::2])
     return hint if hint.startswith("did") else ""
 
-
-#: Path in the configuration: keys and indices.
-KeyTuple = tuple[Any, ...]
-#: Function that is called with the path and the message of a problem.
-ReportProblem = Callable[[KeyTuple, str], None]
-
-
-@dataclass(frozen=True)
-class Place:
-    """A position in a configuration, at which mistakes are reported.
-
-    Attributes:
-        add: Function that is called with the path and the message of every mistake.
-        path: The path of the position.
-    """
-
-    add: ReportProblem
-    path: KeyTuple = ()
-
-    def at(self, *keys: Any) -> Place:
-        """Return a position inside this one."""
-        return Place(self.add, (*self.path, *keys))
-
-    def report(self, message: str, *keys: Any) -> None:
-        """Report a mistake here, or at a position inside this one."""
-        self.add((*self.path, *keys), message)
-
-
-#: Path of the environment in an experiment.
-ENVIRONMENT_PATH: KeyTuple = ("config", "config", "env_config")
 
 _Model = TypeVar("_Model", bound=BaseModel)
 

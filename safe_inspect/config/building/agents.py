@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pydantic_core import PydanticCustomError
 
 from safe_inspect.config.building.world import WorldValues, in_world, plugins_of
+from safe_inspect.config.loading.located import Place
 from safe_inspect.config.models import AgentBody, AgentEntry
-from safe_inspect.config.report import Place, functor_problems
+from safe_inspect.config.report import functor_problems
 from safe_inspect.config.spec import AgentSpec, agent_names
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dones.limits import EpisodeLengthDone

@@ -11,33 +11,28 @@ from safe_inspect.config.building.guarantees import check_guarantees, check_thru
 from safe_inspect.config.building.resets import reset_plan
 from safe_inspect.config.building.team import check_agents, safe_initial_states
 from safe_inspect.config.building.world import check_world, common_world, in_world, reset_in_world, worlds_of
-from safe_inspect.config.models import ExperimentConfig
-from safe_inspect.config.report import ENVIRONMENT_PATH, KeyTuple, Place, text_of
+from safe_inspect.config.loading.located import Place
+from safe_inspect.config.models import ENVIRONMENT_PATH, ExperimentConfig
+from safe_inspect.config.report import text_of
 from safe_inspect.config.spec import EnvironmentSpec, world_names
 from safe_inspect.errors import did_you_mean
 from safe_inspect.platforms.base import Platform
 from safe_inspect.simulators.simulator import Simulator
 
 
-def assemble(config: ExperimentConfig, horizon: int, whole: Place, *, seed: int) -> EnvironmentSpec | None:
+def assemble(config: ExperimentConfig, horizon: int, root: Place, *, seed: int) -> EnvironmentSpec | None:
     """Return the specification of an experiment's environment.
 
     Args:
         config: The validated models.
         horizon: Largest number of steps of an episode.
-        whole: Position of the whole configuration.
+        root: Position of the whole configuration.
         seed: Seed of the run.
 
     Returns:
         The specification, or None if there were mistakes.
     """
-    mistakes: list[KeyTuple] = []
-
-    def note(where: KeyTuple, message: str) -> None:
-        mistakes.append(where)
-        whole.report(message, *where)
-
-    root = Place(note)
+    before = len(root.problems)
     place = root.at(*ENVIRONMENT_PATH)
     platforms = _platforms(config, root.at("platform_config"))
     config = _with_attitude(config, root)
@@ -55,15 +50,15 @@ def assemble(config: ExperimentConfig, horizon: int, whole: Place, *, seed: int)
     agents = [agent for agent in built if agent is not None]
     check_agents(config, agents, root)
     check_world(config, reset, worlds, root)
-    if not mistakes:  # this check needs the results of the others
+    if len(root.problems) == before:  # this check needs the results of the others
         check_guarantees(config, worlds, reset, root)
     common = common_world(worlds)
     reset = reset_in_world(reset, common, place)
     if environment.rta is not None:
         environment = environment.model_copy(update={"rta": in_world(environment.rta, common, place.at("rta"))})
-    if not mistakes:  # this check computes plans, which is expensive
+    if len(root.problems) == before:  # this check computes plans, which is expensive
         check_thrusters(agents, environment.rta, root)
-    if mistakes:
+    if len(root.problems) > before:
         return None
     return EnvironmentSpec(
         environment.simulator,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from safe_inspect.config.building.world import WorldValues
-from safe_inspect.config.report import Place
+from safe_inspect.config.loading.located import Place
 from safe_inspect.dynamics.base import NO_DISTURBANCE, DisturbanceBounds, MotionLimits
 from safe_inspect.errors import SafetyFilterWarning
 from safe_inspect.plugins.plugin import Plugin

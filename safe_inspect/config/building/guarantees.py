@@ -11,8 +11,8 @@ import numpy as np
 
 from safe_inspect.config.building.disturbances import check_motion, kept_by
 from safe_inspect.config.building.world import WorldValues, distinct, plugins_of
-from safe_inspect.config.models import AgentEntry, ExperimentConfig
-from safe_inspect.config.report import ENVIRONMENT_PATH, Place
+from safe_inspect.config.loading.located import Place
+from safe_inspect.config.models import ENVIRONMENT_PATH, AgentEntry, ExperimentConfig
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.motion import ContactDoneFunction, CrashDoneFunction, MaxDistanceDoneFunction
 from safe_inspect.dones.shared import CollisionDoneFunction

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic_core import PydanticCustomError
 
-from safe_inspect.config.models import EntityConfig, ExperimentConfig
-from safe_inspect.config.report import ENVIRONMENT_PATH, Place, functor_problems
+from safe_inspect.config.loading.located import Place
+from safe_inspect.config.models import ENVIRONMENT_PATH, EntityConfig, ExperimentConfig
+from safe_inspect.config.report import functor_problems
 from safe_inspect.dynamics.base import Dynamics
 from safe_inspect.errors import did_you_mean
 from safe_inspect.plugins.registry import registry

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.building.agents import check_unique
-from safe_inspect.config.loading.located import path_text
+from safe_inspect.config.loading.located import Place, path_text
 from safe_inspect.config.loading.templates import MAX_COUNT
-from safe_inspect.config.models import AgentEntry, EnvironmentConfig, ExperimentConfig, PolicyConfig
-from safe_inspect.config.report import ENVIRONMENT_PATH, Place
+from safe_inspect.config.models import (
+    ENVIRONMENT_PATH,
+    AgentEntry,
+    EnvironmentConfig,
+    ExperimentConfig,
+    PolicyConfig,
+)
 from safe_inspect.config.spec import AgentSpec, PolicySpec
 from safe_inspect.dones.shared import CollisionDoneFunction
 from safe_inspect.errors import UnsafeInitialStateWarning, did_you_mean

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from safe_inspect.config.models import AgentEntry, ExperimentConfig
-from safe_inspect.config.report import ENVIRONMENT_PATH, Place, text_of
+from safe_inspect.config.loading.located import Place
+from safe_inspect.config.models import ENVIRONMENT_PATH, AgentEntry, ExperimentConfig
+from safe_inspect.config.report import text_of
 from safe_inspect.platforms.base import Controller, Platform
 from safe_inspect.plugins import Plugin
 from safe_inspect.plugins.functor import Named

@@ -17,7 +17,7 @@ from typing import Any
 
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.loading.construct import Constructor
-from safe_inspect.config.loading.located import KeyPath, locate, path_text, value_at
+from safe_inspect.config.loading.located import KeyPath, Place, locate, value_at
 from safe_inspect.config.loading.syntax import compose, decode
 from safe_inspect.errors import ConfigError, Location, Problem, RegistryError
 from safe_inspect.plugins.registry import PEERS, import_user_module
@@ -135,16 +135,14 @@ def import_plugins(tree: Any, where: KeyPath) -> None:
     Raises:
         ConfigError: Modules are missing or cannot be imported; all are listed.
     """
-    paths = value_at(tree, where)
-    problems = []
+    paths, problems = value_at(tree, where), list[Problem]()
     for index, name in enumerate(paths if isinstance(paths, list) else ()):
         if str(name).split(".")[0] in PEERS:
             continue
         try:
             import_user_module(str(name))
         except RegistryError as error:
-            place = (*where, index)
-            problems.append(Problem(str(error), path_text(place), locate(tree, place)))
+            Place(tree, problems, tuple(where)).report(str(error), index)
     if problems:
         raise ConfigError(problems)
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import yaml
 
-from safe_inspect.errors import Location
+from safe_inspect.errors import Location, Problem
 from safe_inspect.version import __version__
 
 #: The key of a list's `marks` with the location of the list that it replaced in a merge.
@@ -157,6 +157,30 @@ def path_text(path: KeyPath) -> str:
         else:
             text += f".{key}" if text else str(key)
     return text
+
+
+@dataclass(frozen=True)
+class Place:
+    """A position in a configuration, at which mistakes are reported.
+
+    Attributes:
+        tree: The whole configuration, with the locations of its values.
+        problems: List to which the mistakes are added.
+        path: The path of the position.
+    """
+
+    tree: Any
+    problems: list[Problem]
+    path: tuple[Any, ...] = ()
+
+    def at(self, *keys: Any) -> Place:
+        """Return a position inside this one."""
+        return Place(self.tree, self.problems, (*self.path, *keys))
+
+    def report(self, message: str, *keys: Any, hint: str = "") -> None:
+        """Report a mistake here, or at a position inside this one."""
+        path = (*self.path, *keys)
+        self.problems.append(Problem(message, path_text(path), locate(self.tree, path), hint))
 
 
 @dataclass(frozen=True)

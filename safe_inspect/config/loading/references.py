@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from safe_inspect.config.loading.located import LocatedDict, locate, path_text, rewritten
+from safe_inspect.config.loading.located import LocatedDict, Place, locate, rewritten
 from safe_inspect.errors import Location, Problem, UnitError, did_you_mean
 from safe_inspect.units import unit
 
 STORE = "reference_store"
-REFERENCES = "references"
+_REFERENCES = "references"
 
 
 def expand_references(tree: Any, problems: list[Problem]) -> Any:
@@ -27,64 +27,58 @@ def expand_references(tree: Any, problems: list[Problem]) -> Any:
     Returns:
         A new tree; the given one is not changed. A field with a wrong reference is left out.
     """
-    return _expand(tree, None, (), problems, tree)
+    return _expand(tree, None, Place(tree, problems))
 
 
-def _expand(node: Any, store: Any, path: tuple[Any, ...], problems: list[Problem], root: Any) -> Any:
+def _expand(node: Any, store: Any, place: Place) -> Any:
     if isinstance(node, list):
-        items = [_expand(item, store, (*path, index), problems, root) for index, item in enumerate(node)]
-        return rewritten(node, items)
+        return rewritten(node, [_expand(item, store, place.at(index)) for index, item in enumerate(node)])
     if not isinstance(node, Mapping):
         return node
     store = node.get(STORE, store)
-    items_of = {
-        key: value if key in (STORE, REFERENCES) else _expand(value, store, (*path, key), problems, root)
+    items = {
+        key: value if key in (STORE, _REFERENCES) else _expand(value, store, place.at(key))
         for key, value in node.items()
     }
-    expanded: LocatedDict = rewritten(node, items_of)
-    if REFERENCES in node:
-        _resolve(expanded, store, path, problems, root)
+    expanded: LocatedDict = rewritten(node, items)
+    if _REFERENCES in node:
+        _resolve(expanded, store, place)
     return expanded
 
 
-def _resolve(functor: LocatedDict, store: Any, path: tuple[Any, ...], problems: list[Problem], root: Any) -> None:
+def _resolve(functor: LocatedDict, store: Any, place: Place) -> None:
     """Move the references of one mapping into its `config`."""
-
-    def wrong(where: tuple[Any, ...], message: str, hint: str = "") -> None:
-        full = (*path, *where)
-        problems.append(Problem(message, path_text(full), locate(root, full), hint))
-
-    references = functor.pop(REFERENCES)
-    mark = functor.marks.pop(REFERENCES, None)
+    own = place.at(_REFERENCES)
+    references = functor.pop(_REFERENCES)
+    mark = functor.marks.pop(_REFERENCES, None)
     if references is None:
         return
     if not isinstance(references, Mapping):
-        wrong((REFERENCES,), f"expected a mapping of fields to keys of the `{STORE}`, got {references!r}")
+        own.report(f"expected a mapping of fields to keys of the `{STORE}`, got {references!r}")
         return
     if not isinstance(store, Mapping):
-        wrong((REFERENCES,), f"there is no `{STORE}` to refer to", f"add a mapping `{STORE}` to the agent's `config`")
+        own.report(f"there is no `{STORE}` to refer to", hint=f"add a mapping `{STORE}` to the agent's `config`")
         return
     given = functor.get("config")
     if given is not None and not isinstance(given, Mapping):
-        wrong(("config",), f"expected a mapping of fields, got {given!r}")
+        place.report(f"expected a mapping of fields, got {given!r}", "config")
         return
     config = LocatedDict(location=mark) if given is None else rewritten(given)
     for field, key in references.items():
-        where = (REFERENCES, field)
         if field in config:
-            line = locate(root, (*path, "config", field))
+            line = locate(place.tree, place.at("config", field).path)
             also = f"`{field}` is also in `config`" + (f" ({line})" if line else "")
-            wrong(where, also, f"remove it there, and set `{STORE}.{key}` instead")
+            own.report(also, field, hint=f"remove it there, and set `{STORE}.{key}` instead")
         elif not isinstance(key, str):
             hint = f"put the value itself into `config.{field}`"
-            wrong(where, f"expected a key of the `{STORE}`, got {key!r}", hint)
+            own.report(f"expected a key of the `{STORE}`, got {key!r}", field, hint=hint)
         elif key not in store:
-            wrong(where, f"the `{STORE}` has no key `{key}`", did_you_mean(key, store))
+            own.report(f"the `{STORE}` has no key `{key}`", field, hint=did_you_mean(key, store))
         else:
-            place = getattr(store, "marks", {}).get(key) or locate(root, (*path, *where))
-            config[field] = _value(store[key], place)
-            if place is not None:
-                config.marks[field] = place
+            where = getattr(store, "marks", {}).get(key) or locate(own.tree, own.at(field).path)
+            config[field] = _value(store[key], where)
+            if where is not None:
+                config.marks[field] = where
     functor["config"] = config
     if mark is not None:
         functor.marks.setdefault("config", mark)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.config.loading.located import REPLACED, LocatedDict, locate, path_text, rewritten, with_marks
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, Place, locate, rewritten, with_marks
 from safe_inspect.errors import Problem, did_you_mean
 
 #: Placeholder of the number in a name.
@@ -32,12 +32,12 @@ def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
     if not isinstance(agents, list) or not isinstance(platforms, list):
         return tree
     counts: dict[str, int] = {}
-    expanded = tree.copy()
+    root, expanded = Place(tree, problems), tree.copy()
     for key, entries, write in (("agent_config", agents, _agent), ("platform_config", platforms, _platform)):
         written = [
             (copy, locate(entries, (index,)))
             for index, entry in enumerate(entries)
-            for copy in write(entry, tree, (key, index), counts, problems)
+            for copy in write(entry, root.at(key, index), counts)
         ]
         expanded[key] = with_marks(written, getattr(entries, "location", None))
         replaced = getattr(entries, "marks", {}).get(REPLACED)
@@ -46,25 +46,19 @@ def expand_templates(tree: LocatedDict, problems: list[Problem]) -> LocatedDict:
     return expanded
 
 
-def _agent(
-    entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
-) -> Iterator[Any]:
+def _agent(entry: Any, place: Place, counts: dict[str, int]) -> Iterator[Any]:
     if not isinstance(entry, dict) or ("count" not in entry and PLACEHOLDER not in str(entry.get("name"))):
         yield entry
         return
-
-    def wrong(key: str, message: str) -> None:
-        path = (*where, key)
-        problems.append(Problem(message, path_text(path), locate(tree, path)))
-
     count = entry.get("count", 1)
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_COUNT:
-        wrong("count", f"expected a whole number from 1 to {MAX_COUNT}, got {count!r}")
+        place.report(f"expected a whole number from 1 to {MAX_COUNT}, got {count!r}", "count")
         count = 1
     platforms = entry.get("platforms")
     names = [entry.get("name"), *(platforms if isinstance(platforms, list) else ())]
     if count > 1 and not all(isinstance(name, str) and PLACEHOLDER in name for name in names):
-        wrong("count", f"{count} agents need unique names and platforms; write `{PLACEHOLDER}` for the number in them")
+        text = f"{count} agents need unique names and platforms; write `{PLACEHOLDER}` for the number in them"
+        place.report(text, "count")
         count = 1
     for name in names[1:]:
         if isinstance(name, str) and PLACEHOLDER in name:
@@ -78,18 +72,15 @@ def _agent(
         yield copy
 
 
-def _platform(
-    entry: Any, tree: Any, where: tuple[Any, ...], counts: dict[str, int], problems: list[Problem]
-) -> Iterator[Any]:
+def _platform(entry: Any, place: Place, counts: dict[str, int]) -> Iterator[Any]:
     name = entry.get("name") if isinstance(entry, dict) else None
     if not isinstance(name, str) or PLACEHOLDER not in name:
         yield entry
         return
     if name not in counts:
-        path = (*where, "name")
         hint = f"name it under `platforms` of an agent with `{PLACEHOLDER}` in its name"
         hint = did_you_mean(name, counts) if counts else hint
-        problems.append(Problem(f"no agent controls the platforms {name!r}", path_text(path), locate(tree, path), hint))
+        place.report(f"no agent controls the platforms {name!r}", "name", hint=hint)
     for number in range(counts.get(name, 1)):
         yield _numbered(entry, number)
 
