@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from safe_inspect.cli.common import Parser, run_command
+from safe_inspect.cli.main import Parser, run_command
 
 
 def main(argv: Sequence[str] | None = None) -> int:

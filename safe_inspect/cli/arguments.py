@@ -1,11 +1,17 @@
-"""Types of command line arguments that are shared by several commands."""
+"""Command line arguments that several commands have, the types of their values, and what they mean."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
+
+from safe_inspect.errors import SafeInspectError
+from safe_inspect.outputs import new_folder
 
 
 def add_option(
@@ -42,6 +48,78 @@ def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: 
     """
     add_option(parser, "--output", "FOLDER", f"write {about} into this new folder", Path, required=required)
     parser.add_argument("--force", action="store_true", help="replace the folder if this command wrote all of it")
+
+
+def output_folder(arguments: argparse.Namespace) -> AbstractContextManager[Path | None]:
+    """Return a context with the folder of ``--output`` to write into, see `new_folder`, or None without that option.
+
+    Args:
+        arguments: Arguments of a command with `add_output_folder`.
+    """
+    if arguments.output is None:
+        return nullcontext()
+    return new_folder(arguments.output, arguments.command, force=arguments.force)
+
+
+def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = True, platform: bool = True) -> None:
+    """Add an experiment, which the command line gives by ``--cfg`` or as a word, and overrides.
+
+    `safe_inspect.cli.main.parse_arguments` distinguishes the words; the command then calls
+    `safe_inspect.config.experiment.load_experiment`.
+
+    Args:
+        parser: Parser of the command.
+        needed: Whether an experiment is required.
+        platform: Whether the experiment has a compute platform; a rendezvous has none.
+    """
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="FILE|KEY=VALUE", help="experiment file, or id of a task; "
+        "KEY=VALUE replaces a value by its dotted path, ~KEY removes it",
+    )  # fmt: skip
+    add_option(parser, "--cfg", "FILE", "the experiment, as an option")
+    parser.set_defaults(experiment_needed=needed)
+    if platform:
+        add_compute_platform(parser)
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """Add overrides of a configuration that is given by another argument."""
+    parser.add_argument(
+        "overrides", nargs="*", default=[], metavar="KEY=VALUE", help="replaces a value of the configuration by its "
+        "dotted path; ~KEY removes it",
+    )  # fmt: skip
+
+
+def add_compute_platform(parser: argparse.ArgumentParser) -> None:
+    """Add the compute platform of an experiment."""
+    add_option(parser, "--compute-platform", "NAME", "entry of the task's rllib_configs", default="local")
+
+
+def is_override(word: str) -> bool:
+    """Return whether a word of a command line is ``KEY=VALUE`` or ``~KEY``, and not a file."""
+    return word.startswith("~") or ("=" in word and not os.path.exists(word))
+
+
+def equals_hint(word: str) -> str:
+    """Return a hint on how to write a word as an override."""
+    key, colon, value = word.partition(":")
+    return f"did you mean `{key}={value}`?" if colon and value else "write an override as KEY=VALUE"
+
+
+def refuse_options(options: Mapping[str, Any], why: str, *, source: object = "") -> None:
+    """Raise an error for an option that is given but has no effect.
+
+    Args:
+        options: The value of each option by its name.
+        why: Why it has none, after the option's name.
+        source: File or folder to which this applies, if it is to be named.
+
+    Raises:
+        SafeInspectError: An option has a value that is true.
+    """
+    for option, value in options.items():
+        if value:
+            raise SafeInspectError(f"{source}{': ' if source else ''}{option} {why}; remove it")
 
 
 def whole_number(text: str, expected: str, least: int = 0, most: float = math.inf) -> int:

@@ -9,8 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.cli.arguments import add_option, positive, seed
-from safe_inspect.cli.common import add_compute_platform, equals_hint, is_override
+from safe_inspect.cli.arguments import add_compute_platform, add_option, equals_hint, is_override, positive, seed
 from safe_inspect.cli.flights import NUM_ENVS, AnyCandidate, open_pilot
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.baselines import read_reference

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, ClassVar, TypeAlias
 
-from safe_inspect.cli.common import print_doubts, print_loading, refuse_options
+from safe_inspect.cli.arguments import refuse_options
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_doubts, print_loading
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Episodes
 from safe_inspect.evaluation.kept import KeptEpisodes, kept_episodes

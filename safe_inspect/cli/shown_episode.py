@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from safe_inspect.cli.arguments import add_option, positive_number, seed, whole_number
-from safe_inspect.cli.common import add_overrides, refuse_options
+from safe_inspect.cli.arguments import add_option, add_overrides, positive_number, refuse_options, seed, whole_number
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import Trajectory
 from safe_inspect.evaluation.results.files import (

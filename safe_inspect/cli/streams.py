@@ -6,9 +6,11 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
+
+from safe_inspect.errors import Problem
 
 
 class _Lasting:
@@ -56,6 +58,17 @@ def print_error(text: str) -> None:
     """Print a message to standard error, if it can be written."""
     with suppress(OSError):  # the reader may be gone
         print(without_long_words(text), file=sys.stderr)
+
+
+def print_loading() -> None:
+    """Print to standard error that a command with missions needs some time before it starts."""
+    print_error("loading; the first run on a machine compiles for a minute")
+
+
+def print_doubts(doubts: Iterable[Problem]) -> None:
+    """Print permitted settings that may be mistakes to standard error, one per line."""
+    for doubt in doubts:
+        print_error(f"warning: {doubt}")
 
 
 def without_long_words(text: str) -> str:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from safe_inspect.cli.common import Parser, parse_arguments
-from safe_inspect.cli.main import command_parser, main
+from safe_inspect.cli.main import Parser, command_parser, main, parse_arguments
 
 
 def options() -> Iterator[tuple[str, argparse.Action]]:

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
-from safe_inspect.cli import arguments, common, flights, shown_episode
+from safe_inspect.cli import arguments, flights, shown_episode
+from safe_inspect.cli import main as command_line
 from safe_inspect.cli.commands import leaderboard
-from safe_inspect.cli.common import Parser, parse_arguments, run_command
 from safe_inspect.cli.flight_arguments import sources_of
-from safe_inspect.cli.main import command_parser
+from safe_inspect.cli.main import Parser, command_parser, parse_arguments, run_command
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
 from safe_inspect.interrupts import Interrupted
 
@@ -58,7 +58,7 @@ def test_a_file_with_an_equals_sign_is_no_override(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there=1").write_text("")
-    assert common.is_override(word) is override
+    assert arguments.is_override(word) is override
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_file_with_an_equals_sign_is_no_override(
     ],
 )
 def test_a_colon_is_taken_for_an_equals_sign(word: str, hint: str) -> None:
-    assert common.equals_hint(word) == hint
+    assert arguments.equals_hint(word) == hint
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_the_exit_code_says_how_a_command_ended(
     code: int,
     shown: str,
 ) -> None:
-    monkeypatch.setattr(common, "discard_output", lambda: None)
+    monkeypatch.setattr(command_line, "discard_output", lambda: None)
 
     def run(_: argparse.Namespace) -> int:
         if error is not None:
@@ -199,7 +199,7 @@ def test_a_command_completes_although_its_reader_leaves(tmp_path: Path, lines: i
     code = (
         "import argparse, sys, time\n"
         "from pathlib import Path\n"
-        "from safe_inspect.cli.common import Parser, run_command\n"
+        "from safe_inspect.cli.main import Parser, run_command\n"
         "def run(arguments):\n"
         f"    for line in range({lines}): print('line', line, flush=line < 2)\n"
         "    time.sleep(0.3)\n"

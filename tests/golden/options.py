@@ -8,8 +8,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from safe_inspect.cli.common import Parser
-from safe_inspect.cli.main import command_parser
+from safe_inspect.cli.main import Parser, command_parser
 from safe_inspect.config.schema import FILES, model_schema
 from safe_inspect.plugins.registry import registry
 from safe_inspect.policies.open_loop import OpenLoopPlan  # noqa: F401 - which no configuration names

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from safe_inspect.cli.arguments import add_option, positive, seed
-from safe_inspect.cli.common import add_experiment_arguments
+from safe_inspect.cli.arguments import add_experiment_arguments, add_option, positive, seed
 from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.evaluation.safety_report import acceptance

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from safe_inspect.cli.arguments import add_option, positive, seed
-from safe_inspect.cli.common import add_overrides
+from safe_inspect.cli.arguments import add_option, add_overrides, positive, seed
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.environments.registration import load_spec
 from safe_inspect.errors import SafeInspectError

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from safe_inspect.cli.arguments import add_option, add_output_folder
-from safe_inspect.cli.common import output_folder, print_doubts, print_loading
+from safe_inspect.cli.arguments import add_option, add_output_folder, output_folder
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_doubts, print_loading
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
 from safe_inspect.missions.log_checks import check_log

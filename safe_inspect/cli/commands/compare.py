@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from safe_inspect.cli.arguments import add_output_folder
-from safe_inspect.cli.common import refuse_options
+from safe_inspect.cli.arguments import add_output_folder, refuse_options
 from safe_inspect.cli.flight_arguments import add_flight_arguments, prepared_flights, sources_of
 from safe_inspect.cli.flights import fly_candidates
 from safe_inspect.errors import OutputError, SafeInspectError

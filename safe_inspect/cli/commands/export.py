@@ -6,8 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
-from safe_inspect.cli.arguments import add_option
-from safe_inspect.cli.common import add_overrides
+from safe_inspect.cli.arguments import add_option, add_overrides
 from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from safe_inspect.cli.arguments import add_option, add_output_folder, natural, positive_number
-from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
+from safe_inspect.cli.arguments import (
+    add_experiment_arguments,
+    add_option,
+    add_output_folder,
+    natural,
+    output_folder,
+    positive_number,
+)
 from safe_inspect.cli.episode_bar import EpisodeBar
+from safe_inspect.cli.streams import print_doubts, print_loading
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.sensor_log_writer import record_watch
@@ -15,7 +22,7 @@ from safe_inspect.rendezvous.experiment import load_rendezvous
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``record-log``."""
-    add_experiment_file(parser)
+    add_experiment_arguments(parser, platform=False)
     add_output_folder(parser, "the log", required=True)
     add_option(parser, "--seconds", "SECONDS", "length of the log", positive_number, 120.0)
     add_option(parser, "--period", "SECONDS", "time between two frames", positive_number, 1.0)

@@ -7,9 +7,8 @@ import math
 
 import numpy as np
 
-from safe_inspect.cli.arguments import add_option, add_output_folder, natural
-from safe_inspect.cli.common import add_experiment_file, output_folder, print_doubts, print_loading
-from safe_inspect.cli.streams import print_error
+from safe_inspect.cli.arguments import add_experiment_arguments, add_option, add_output_folder, natural, output_folder
+from safe_inspect.cli.streams import print_doubts, print_error, print_loading
 from safe_inspect.missions.mission import Mission
 from safe_inspect.missions.scenario import check_scenario
 from safe_inspect.missions.summary import mission_table
@@ -22,7 +21,7 @@ _PERIOD = 10.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rendezvous``."""
-    add_experiment_file(parser)
+    add_experiment_arguments(parser, platform=False)
     add_option(parser, "--episode", "N", "fly episode N of an evaluation", natural, 0)
     add_output_folder(parser, "the log")
     parser.add_argument("--dry-run", action="store_true", help="print the resolved experiment and stop")

@@ -6,8 +6,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from safe_inspect.cli.arguments import add_option, positive, seed
-from safe_inspect.cli.common import add_experiment_arguments
+from safe_inspect.cli.arguments import add_experiment_arguments, add_option, positive, seed
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.cli.streams import print_error
 from safe_inspect.config.experiment import Experiment, load_experiment

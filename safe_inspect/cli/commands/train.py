@@ -11,9 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from safe_inspect.cli.arguments import add_option
+from safe_inspect.cli.arguments import add_experiment_arguments, add_option
 from safe_inspect.cli.checked_settings import checked_settings
-from safe_inspect.cli.common import add_experiment_arguments
 from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.config.learning import placed
 from safe_inspect.environments import TeamEnvironment

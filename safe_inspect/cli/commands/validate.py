@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from safe_inspect.cli.checked_settings import checked_settings
-from safe_inspect.cli.common import print_doubts
+from safe_inspect.cli.streams import print_doubts
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment, replaced_lists
 from safe_inspect.errors import Problem
