@@ -1,4 +1,15 @@
-"""`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once."""
+"""`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once.
+
+Every command that takes ``--cfg FILE``, and every function that makes an environment, comes here. The steps are:
+
+1. `_file_of` finds the file, if the name is the id of a task.
+2. `loader.load` reads it and what it includes, as a tree with the location of every value.
+3. `layers.experiment_tree` merges its layers and moves short keys to their full paths.
+4. `overrides.apply_overrides` replaces the values that the command line gives.
+5. `build_experiment` imports plugins, expands templates and references, validates the tree with the `models`, which
+   builds the plugins, and lets `building` check how they fit together: `team.policies_of` returns the policies, and
+   `assemble.assemble` the environment.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +31,7 @@ from safe_inspect.config.loading.loader import import_plugins, load
 from safe_inspect.config.loading.located import REPLACED, LocatedDict, Place, ResolvedExperiment, path_text
 from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
-from safe_inspect.config.models import ExperimentConfig
+from safe_inspect.config.models import ENVIRONMENT_PATH, ExperimentConfig
 from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.report import problems_of
 from safe_inspect.config.spec import EnvironmentSpec, PolicySpec
@@ -73,21 +84,28 @@ def load_experiment(
     if not isinstance(path, str | os.PathLike) or not os.fspath(path):
         hint = "; use `build_spec` for a resolved configuration" if isinstance(path, Mapping) else ""
         raise ConfigError(Problem(f"a configuration must be a file path or a task id, not {path!r:.60}{hint}"))
-    name = os.fspath(path)
+    file, own = _file_of(os.fspath(path))
+    tree = apply_overrides(experiment_tree(load(file), file), [*own, *overrides])
+    return build_experiment(tree, file, compute_platform=compute_platform)
+
+
+def _file_of(name: str) -> tuple[str, Iterable[str]]:
+    """Return the file of a task's id and the overrides that belong to the id; any other name is that of a file."""
     if name in FORMER_IDS:
         former, name = name, FORMER_IDS[name]
         text = f"{former} is now called {name}; use that name (version 1 is a different task, not a newer version)"
-        warnings.warn(text, FutureWarning, stacklevel=2)
+        warnings.warn(text, FutureWarning, stacklevel=3)
     if name in ALL_TASKS:
-        path, overrides = configs_root() / ALL_TASKS[name], (*TASK_OVERRIDES.get(name, ()), *overrides)
-    elif name.startswith("safe_inspect/") and not os.path.exists(name):
+        return os.fspath(configs_root() / ALL_TASKS[name]), TASK_OVERRIDES.get(name, ())
+    if os.path.exists(name):
+        return name, ()
+    if name.startswith("safe_inspect/"):
         raise ConfigError(Problem(f"there is no task with the id {name!r}", hint=did_you_mean(name, ALL_TASKS)))
-    elif not os.path.exists(name) and not os.path.dirname(name) and not os.path.splitext(name)[1]:
+    if not os.path.dirname(name) and not os.path.splitext(name)[1]:
         near = get_close_matches(name, [task.partition("/")[2] for task in ALL_TASKS], n=1)
         if near:
             raise ConfigError(Problem(f"no file or task {name!r}", hint=f"did you mean `safe_inspect/{near[0]}`?"))
-    tree = experiment_tree(load(path), os.fspath(path))
-    return build_experiment(apply_overrides(tree, overrides), os.fspath(path), compute_platform=compute_platform)
+    return name, ()
 
 
 def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "local") -> Experiment:
@@ -98,7 +116,7 @@ def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "lo
     """
     if not isinstance(tree, LocatedDict):
         tree = LocatedDict(tree)
-    import_plugins(tree, ("config", "config", "env_config", "plugin_paths"))
+    import_plugins(tree, (*ENVIRONMENT_PATH, "plugin_paths"))
     problems: list[Problem] = []
     expanded = expand_references(expand_templates(tree, problems), problems)
     try:
