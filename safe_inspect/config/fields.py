@@ -1,20 +1,31 @@
-"""The models that validate each position of a configuration, and the keys that are permitted there."""
+"""The keys that are permitted at each position of a configuration: of models, plugins, RLlib, Tune and Ray."""
 
 from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
 
-from safe_inspect.config.loading.located import has
+from safe_inspect.config.keys import old_keys, rllib_keys, run_keys
+from safe_inspect.config.loading.located import LocatedDict, has, rewritten, value_at, with_value
 from safe_inspect.errors import RegistryError
 from safe_inspect.plugins.functor import name_key
 from safe_inspect.plugins.registry import registry
 
 _UNIONS = (typing.Union, types.UnionType)
+_TASK = ("config", "config")
+_MODEL = {**rllib_keys.MODEL_KEYS, **rllib_keys.FRESH_KEYS}
+_RLLIB = {*rllib_keys.COMMON_KEYS, *rllib_keys.OWN_KEYS}.union(*rllib_keys.ALGORITHM_KEYS.values())
+_STOP = (*run_keys.STOP_KEYS, *run_keys.STOP_RENAMED)
+#: Keys of Tune and Ray by the path below the task.
+_RUN: dict[tuple[Any, ...], Collection[str]] = {
+    ("tune_config",): run_keys.TUNE_KEYS.keys() - {"stop"},
+    ("tune_config", "stop"): _STOP,
+    ("ray_config",): run_keys.RAY_KEYS,
+}
 
 
 def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = None) -> set[str]:
@@ -27,7 +38,7 @@ def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = N
     """
     annotations: list[Any] = [] if model is None else [model]
     for key in path:
-        plugin = plugin_of(tree) if key == "config" else None
+        plugin = _plugin_of(tree) if key == "config" else None
         below = [found for known in annotations for found in _below(known, key)]
         annotations = below if plugin is None else [plugin]
         tree = tree[key] if has(tree, key) else None
@@ -57,7 +68,7 @@ def _marked(
 ) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
     if typing.get_origin(annotation) is typing.Annotated:
         annotation, *metadata = typing.get_args(annotation)
-    plugin = plugin_of(value)
+    plugin = _plugin_of(value)
     if plugin is not None:
         if isinstance(value.get("config"), Mapping):
             yield from written_values(mark, value["config"], plugin, (*path, "config"))
@@ -77,7 +88,7 @@ def _marked(
             yield from _marked(mark, item, items[min(index, len(items) - 1)], (), (*path, index))
 
 
-def plugin_of(functor: Any) -> type[BaseModel] | None:
+def _plugin_of(functor: Any) -> type[BaseModel] | None:
     """Return the class that a functor's mapping names, or None for any other value."""
     if not isinstance(functor, Mapping):
         return None
@@ -89,6 +100,83 @@ def plugin_of(functor: Any) -> type[BaseModel] | None:
             except RegistryError:
                 continue
     return None
+
+
+def with_empty_mappings(tree: Any) -> Any:
+    """Return an experiment with empty mappings for RLlib, Tune and Ray where no file has them.
+
+    A tree that is not an experiment is returned unchanged.
+    """
+    if not isinstance(value_at(tree, _TASK), Mapping):
+        return tree
+    places: list[tuple[str, ...]] = [("rllib_configs",), ("tune_config",), ("tune_config", "stop"), ("ray_config",)]
+    has_model = _has_model(tree)
+    for name in value_at(tree, (*_TASK, "rllib_configs")) or ("default",):
+        places += [("rllib_configs", name), *([] if has_model else [("rllib_configs", name, "model_config")])]
+    for place in places:
+        path = (*_TASK, *place)
+        if not value_at(tree, path) and isinstance(value_at(tree, path[:-1]), Mapping):
+            tree = with_value(tree, path, LocatedDict(), None)
+    return tree
+
+
+def with_configs(node: Any) -> Any:
+    """Return a tree with an empty `config` for each plugin that has none."""
+    if isinstance(node, list):
+        return rewritten(node, map(with_configs, node))
+    if not isinstance(node, Mapping):
+        return node
+    filled = {key: with_configs(value) for key, value in node.items()}
+    if filled.get("config") is None and _plugin_of(node) is not None:
+        filled["config"] = LocatedDict()
+    return rewritten(node, filled)
+
+
+def may_have(tree: Any, path: tuple[Any, ...], key: str, model: type[BaseModel]) -> bool:
+    """Return whether the mapping at a path of a configuration with that model may contain a key."""
+    if path[:3] == (*_TASK, "rllib_configs") and len(path) == 4:
+        return key in _RLLIB or key in old_keys.SPELLINGS
+    if path[:2] == _TASK and path[2:] in _RUN:
+        return key in _RUN[path[2:]]
+    if path[-1:] in (("model_config",), ("model",)):
+        return key in _MODEL
+    return key in known_keys(tree, path, model)
+
+
+def in_plugin(tree: Any, path: tuple[Any, ...]) -> bool:
+    """Return whether a path of an experiment is inside the fields of a plugin."""
+    for key in path:
+        if key == "config" and _plugin_of(tree) is not None:
+            return True
+        tree = tree[key] if has(tree, key) else None
+    return False
+
+
+def learning_keys(tree: Any) -> set[str]:
+    """Return the keys of RLlib, Tune and Ray that are permitted in an experiment, and their other names.
+
+    Other trees than experiments have none.
+    """
+    if not isinstance(value_at(tree, _TASK), Mapping):
+        return set()
+    keys = {*_RLLIB, *_MODEL, *run_keys.TUNE_KEYS, *run_keys.RAY_KEYS, *_STOP}
+    return {name for key in keys for name in spellings(key)}
+
+
+def spellings(key: str) -> Iterator[str]:
+    """Yield a key, then its other names for RLlib and Tune."""
+    yield key
+    current = old_keys.RENAMED.get(key, old_keys.SPELLINGS.get(key, key))
+    for table in (old_keys.RENAMED, old_keys.SPELLINGS, old_keys.MODEL_RENAMED, run_keys.TUNE_RENAMED):
+        if key in table and "." not in table[key]:
+            yield table[key]
+        yield from (old for old, new in table.items() if new == current and old != key)
+
+
+def _has_model(tree: Any) -> bool:
+    configs = [value_at(agent, ("policy", "config")) for agent in tree.get("agent_config") or ()]
+    configs += (value_at(tree, (*_TASK, "rllib_configs")) or {}).values()
+    return any("model_config" in config or "model" in config for config in configs if isinstance(config, Mapping))
 
 
 def _is_model(annotation: Any) -> bool:

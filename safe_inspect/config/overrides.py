@@ -4,7 +4,7 @@ A component of the path is a key or, for the items of a list, an index (``list.0
 the item's ``name``, its class, or its controller or sensor. A path whose first component is not at the root is the
 end of a path, which must match exactly one position. Components after the first may leave out ``config``. If no file
 contains the last component, the path must match the one position that may contain it
-(`safe_inspect.config.known_places`); words of other libraries are not accepted as keys. ``~path`` removes a key or an
+(`safe_inspect.config.fields`); words of other libraries are not accepted as keys. ``~path`` removes a key or an
 item.
 """
 
@@ -18,17 +18,17 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from safe_inspect.config.fields import known_keys
-from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
-from safe_inspect.config.known_places import (
+from safe_inspect.config.fields import (
     in_plugin,
+    known_keys,
     learning_keys,
     may_have,
     spellings,
     with_configs,
     with_empty_mappings,
 )
-from safe_inspect.config.loading.loader import COMMAND_LINE, parse
+from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
+from safe_inspect.config.loading.loader import parse
 from safe_inspect.config.loading.located import locate, marked, rewritten, value_at, with_marks, with_value
 from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
 from safe_inspect.config.models import ExperimentConfig
@@ -60,7 +60,7 @@ def apply_overrides(tree: Any, overrides: Iterable[str], model: type[BaseModel] 
         if not isinstance(override, str):
             problems.append(Problem(f"overrides: {override!r:.60} is not a string", hint="write 'path.of.keys=value'"))
             continue
-        location = Location(COMMAND_LINE, 0, text=override)
+        location = Location("command line", 0, text=override)
         try:
             tree = _apply(tree, override, location, model)
         except ConfigError as error:

@@ -73,8 +73,6 @@ def _display_path(path: Path) -> str:
     return (path.relative_to(Path.cwd()) if below else path).as_posix()
 
 
-COMMAND_LINE = "command line"
-
 #: The largest file that is parsed [bytes], and the largest number of values in a tree, where aliases and includes count
 #: every time they are used. The shipped experiments are files of a few kilobytes and have 500 to 2,000 values.
 MAX_BYTES, MAX_VALUES = 1_000_000, 200_000
