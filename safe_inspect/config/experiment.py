@@ -5,10 +5,10 @@ Every command that takes ``--cfg FILE``, and every function that makes an enviro
 1. `_file_of` finds the file, if the name is the id of a task.
 2. `loader.load` reads it and what it includes, as a tree with the location of every value.
 3. `layers.experiment_tree` merges its layers and moves short keys to their full paths.
-4. `overrides.apply_overrides` replaces the values that the command line gives.
-5. `build_experiment` imports plugins, expands templates and references, validates the tree with the `models`, which
-   builds the plugins, and lets `building` check how they fit together: `team.policies_of` returns the policies, and
-   `assemble.assemble` the environment.
+4. `build_experiment` replaces the values that the command line gives (`overrides.apply_overrides`), imports plugins,
+   expands templates and references, and validates the tree with the `models`, which builds the plugins.
+5. It lets `building` check how they fit together: `team.policies_of` returns the policies, and `assemble.assemble` the
+   environment.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def load_experiment(
         hint = "; use `build_spec` for a resolved configuration" if isinstance(path, Mapping) else ""
         raise ConfigError(Problem(f"a configuration must be a file path or a task id, not {path!r:.60}{hint}"))
     file, own = _file_of(os.fspath(path))
-    tree = apply_overrides(experiment_tree(load(file), file), [*own, *overrides])
-    return build_experiment(tree, file, compute_platform=compute_platform)
+    tree = experiment_tree(load(file), file)
+    return build_experiment(tree, file, [*own, *overrides], compute_platform=compute_platform)
 
 
 def _file_of(name: str) -> tuple[str, Iterable[str]]:
@@ -108,14 +108,21 @@ def _file_of(name: str) -> tuple[str, Iterable[str]]:
     return name, ()
 
 
-def build_experiment(tree: Any, source: str = "", *, compute_platform: str = "local") -> Experiment:
+def build_experiment(
+    tree: Any, source: str = "", overrides: Iterable[str] = (), *, compute_platform: str = "local"
+) -> Experiment:
     """Build a checked experiment from a resolved configuration, such as `Experiment.resolved`.
+
+    Args:
+        tree: The resolved configuration.
+        source: Name of the file from which it was loaded.
+        overrides: ``path.of.keys=value`` for each value to replace.
+        compute_platform: See `load_experiment`.
 
     Raises:
         ConfigError: The configuration has mistakes; all are listed.
     """
-    if not isinstance(tree, LocatedDict):
-        tree = LocatedDict(tree)
+    tree = apply_overrides(tree if isinstance(tree, LocatedDict) else LocatedDict(tree), overrides)
     import_plugins(tree, (*ENVIRONMENT_PATH, "plugin_paths"))
     problems: list[Problem] = []
     expanded = expand_references(expand_templates(tree, problems), problems)

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from safe_inspect.config.elements import CONTROL_STEPS, element_columns, raw_task
 from safe_inspect.config.experiment import build_experiment
-from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import CheckpointError, SafeInspectError
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
@@ -82,7 +80,7 @@ class OnnxPolicy:
         Raises:
             ConfigError: A plugin of the task is missing, or an override is wrong.
         """
-        return build_experiment(apply_overrides(LocatedDict(self.info.configuration), overrides), self.path).spec
+        return build_experiment(self.info.configuration, self.path, overrides).spec
 
     def prepare(self, spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
         """Return the task with observations and actions in SI units, which the policy requires.

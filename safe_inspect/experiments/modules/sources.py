@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.experiment import Experiment, build_experiment, load_experiment
-from safe_inspect.config.loading.located import LocatedDict
-from safe_inspect.config.overrides import apply_overrides
 from safe_inspect.config.spec import AgentSpec, EnvironmentSpec
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
@@ -127,8 +125,7 @@ class Wanted:
 
     def build(self, resolved: Mapping[str, Any], source: str) -> Experiment:
         """Return the experiment of a resolved configuration with the overrides."""
-        tree = apply_overrides(LocatedDict(resolved), self.overrides)
-        return build_experiment(tree, source, compute_platform=self.compute_platform)
+        return build_experiment(resolved, source, self.overrides, compute_platform=self.compute_platform)
 
 
 def open_source(
