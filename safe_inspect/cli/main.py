@@ -56,7 +56,7 @@ _EXIT_CODES = "Exit codes: 0 success; 1 negative result; 2 mistake in the input;
 _USER_ERROR = 2
 _PACKAGE = os.path.dirname(os.path.dirname(__file__)) + os.sep
 #: Names of parsed arguments that are not options.
-_HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source", "--sources"}
+_HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed", "--source"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

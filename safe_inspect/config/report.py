@@ -51,14 +51,13 @@ _PATTERNS = {
     r"^[\w.-]+$": "a name of letters, digits, `_`, `.` and `-`",
     r"\S|^$": "a string that is not blank",
     r"^\w+(\.\w+)+$": "a dotted path `module.Class`",
-    "^(quick|normal|thorough)$": "quick, normal or thorough",
 }
 
 #: Suffixes of errors about a value of another type, which may match another member of a union.
 _OTHER_KIND = ("_type", "_parsing", "_required", "int_from_float", "literal_error", "enum")
 
 
-def wanted(error: Mapping[str, Any]) -> str:
+def _wanted(error: Mapping[str, Any]) -> str:
     """Return a description of the expected value; empty if the error does not contain one."""
     context = error.get("ctx", {})
     limits = {name: f"{limit:.15g}" if isinstance(limit, float) else limit for name, limit in context.items()}
@@ -82,7 +81,7 @@ def message(error: Mapping[str, Any]) -> tuple[str, str]:
     if kind in ("functor_key", "value_error", "assertion_error"):
         return said.removeprefix("Value error, ").removeprefix("Assertion failed, "), ""
     given = error.get("input")
-    want = wanted(error)
+    want = _wanted(error)
     if want:
         return f"expected {want}, got {shown(given)}", _nearest(error, given)
     return f"{said[:1].lower()}{said[1:]}, got {shown(given)}", ""
@@ -213,7 +212,7 @@ def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
         return min(fitting, key=len)
     if len(members) == 1:
         return members[0]
-    wants = dict.fromkeys(wanted(fault.error) for member in members for fault in member if fault.path == path)
+    wants = dict.fromkeys(_wanted(fault.error) for member in members for fault in member if fault.path == path)
     choices = " or ".join(want for want in wants if want)
     first = members[0][0].error
     text = f"expected {choices}, got {shown(first.get('input'))}"
