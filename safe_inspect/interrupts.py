@@ -51,7 +51,7 @@ def stop_quietly_until_handled() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def interrupt(number: int) -> NoReturn:
+def _interrupt(number: int) -> NoReturn:
     """Stop the running code.
 
     Raises:
@@ -61,7 +61,7 @@ def interrupt(number: int) -> NoReturn:
 
 
 @contextmanager
-def handled(handler: Callable[[int], None] = interrupt) -> Iterator[None]:
+def handled(handler: Callable[[int], None] = _interrupt) -> Iterator[None]:
     """Call a function when a signal requests that the process stop, once for all signals within a second.
 
     A signal that is ignored, as SIGHUP is under `nohup`, stays ignored. Outside the main thread this has no effect.

@@ -96,7 +96,7 @@ class Provider(Model):
     type: _one_of("SimpleParameterProvider") = "SimpleParameterProvider"  # type: ignore[valid-type]
 
 
-def platform_class(name: str) -> type[Platform]:
+def _platform_class(name: str) -> type[Platform]:
     """Return the platform class of a name: its short name, such as `cwh`, its registered name or a dotted path.
 
     Raises:
@@ -109,12 +109,12 @@ def platform_class(name: str) -> type[Platform]:
 
 
 def _known_platform(name: str) -> str:
-    platform_class(name)
+    _platform_class(name)
     return name
 
 
 def _is_a_point(name: str) -> str:
-    if platform_class(name).turns:
+    if _platform_class(name).turns:
         raise ValueError(f"{name!r} has an attitude; a body in addition to the deputies must be a point")
     return name
 
@@ -213,7 +213,7 @@ class PlatformConfig(Model):
     @property
     def functor(self) -> type[Platform]:
         """The class of the platform."""
-        return platform_class(self.platform)
+        return _platform_class(self.platform)
 
 
 class AgentReset(Model):

@@ -58,7 +58,7 @@ _BY_PLACE = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_
 
 
 @dataclass(frozen=True)
-class Reference:
+class _Reference:
     """Marker of a field that refers to an object of the environment by name.
 
     It lets a wrong name be reported before the first step.
@@ -70,12 +70,12 @@ class Reference:
     kind: str
 
 
-SensorName = Annotated[str, Reference("sensor")]
-ControllerName = Annotated[str, Reference("controller")]
-EntityName = Annotated[str, Reference("entity")]
-PlatformName = Annotated[str, Reference("platform")]
-PointsName = Annotated[str, Reference("points")]
-DoneName = Annotated[str, Reference("done")]
+SensorName = Annotated[str, _Reference("sensor")]
+ControllerName = Annotated[str, _Reference("controller")]
+EntityName = Annotated[str, _Reference("entity")]
+PlatformName = Annotated[str, _Reference("platform")]
+PointsName = Annotated[str, _Reference("points")]
+DoneName = Annotated[str, _Reference("done")]
 
 
 class Plugin(StrictNumbers):
@@ -157,10 +157,10 @@ def _check_methods(cls: type) -> None:
             raise TypeError(f"{cls.__qualname__}.{name} cannot be called as ({arguments}): {error}") from None
 
 
-def _marks(info: Any) -> list[Reference]:
-    found = [mark for mark in info.metadata if isinstance(mark, Reference)]
+def _marks(info: Any) -> list[_Reference]:
+    found = [mark for mark in info.metadata if isinstance(mark, _Reference)]
     for argument in getattr(info.annotation, "__args__", ()):  # SensorName | None
-        found += [mark for mark in getattr(argument, "__metadata__", ()) if isinstance(mark, Reference)]
+        found += [mark for mark in getattr(argument, "__metadata__", ()) if isinstance(mark, _Reference)]
     return found
 
 

@@ -72,7 +72,7 @@ def _policies() -> str:
     return "\n".join(blocks)
 
 
-def _catalogue(kind: str | None = None, name: str | None = None) -> str:
+def _catalogue(kind: str | None, name: str | None) -> str:
     """Return the plugins with their fields, defaults and units, one block for each.
 
     Args:

@@ -119,14 +119,11 @@ def _check_bodies(simulator: Simulator, names: dict[str, set[str]], place: Place
     """Check that the bodies of components exist; mistakes are reported at the simulator's key for the component."""
     for name in (body for component in simulator.compose()[1] for body in component.bodies):
         if name not in names["entity"]:
-            fields = [field for field in type(simulator).model_fields if name in _keys(getattr(simulator, field))]
+            given = {field: getattr(simulator, field) for field in type(simulator).model_fields}
+            fields = [field for field, value in given.items() if isinstance(value, Mapping) and name in value]
             where = place.at("config", fields[0], name) if fields else place
             where.report(f"there is no body {name!r}; {did_you_mean(name, names['entity'])}")
             names["points"] |= names["entity"]  # so that correct names are not reported
-
-
-def _keys(value: object) -> Mapping[str, object]:
-    return value if isinstance(value, Mapping) else {}
 
 
 def _check_controlled(config: ExperimentConfig, platforms: Mapping[str, Platform], entries: Place) -> None:
