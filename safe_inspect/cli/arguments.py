@@ -65,7 +65,7 @@ def add_experiment_arguments(parser: argparse.ArgumentParser, *, needed: bool = 
     """Add an experiment, which the command line gives by ``--cfg`` or as a word, and overrides.
 
     `safe_inspect.cli.main.parse_arguments` distinguishes the words; the command then calls
-    `safe_inspect.config.experiment.load_experiment`.
+    `safe_inspect.config.experiment.load_experiment`, or `load_rendezvous` for a rendezvous.
 
     Args:
         parser: Parser of the command.
