@@ -13,6 +13,8 @@ from safe_inspect.experiments.runs.progress import clock_text
 
 #: Time between two lines if there is no terminal [s].
 _SILENCE = 10.0
+#: Largest width of the bar, in characters.
+_WIDTH = 40
 
 
 class EpisodeBar:
@@ -38,7 +40,7 @@ class EpisodeBar:
         self._compiled = compiling_seconds()
         self.done = 0
 
-    def show(self, done: int, wanted: int, width: int = 40) -> None:
+    def show(self, done: int, wanted: int) -> None:
         """Update the bar."""
         self.done = done
         now = time.monotonic()
@@ -51,7 +53,7 @@ class EpisodeBar:
             print(f"{self._label}: {done:,} of {wanted:,}, left {left}", file=self._stream, flush=True)
             return
         room = shutil.get_terminal_size().columns - len(self._label) - 28  # a wrapped line cannot be overwritten
-        width = max(min(width, room), 0)
+        width = max(min(_WIDTH, room), 0)
         full = round(width * share)
         line = f"[{'#' * full}{'.' * (width - full)}] {100 * share:3.0f} %  left {left}"
         self._stream.write(f"\r{self._label}  {line}\x1b[K")

@@ -92,7 +92,7 @@ class CommandedElement(_Element):
     plugins: tuple[str, ...] = ()
 
 
-def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[ObservedElement, ...]:
+def observed_elements(agent: AgentSpec, *, exportable: bool) -> tuple[ObservedElement, ...]:
     """Return the elements of an agent's observation, in order, with the effect of their normalisers.
 
     The elements of a glue that is not an `ObserveSensor` are taken unchanged.
@@ -121,7 +121,7 @@ def observed_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[Obs
     return tuple(found)
 
 
-def commanded_elements(agent: AgentSpec, *, exportable: bool = True) -> tuple[CommandedElement, ...]:
+def commanded_elements(agent: AgentSpec, *, exportable: bool) -> tuple[CommandedElement, ...]:
     """Return the elements of an agent's action, in order.
 
     Args:
@@ -197,12 +197,12 @@ def _title(agent: AgentSpec, glue: Glue) -> str:
     return f"{agent.name}, glue {glue.registered_name} ({', '.join(glue.names(agent.parts))})"
 
 
-def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None = None) -> EnvironmentSpec:
+def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None) -> EnvironmentSpec:
     """Return the task with observations and actions in SI units; episodes, seeds and physics stay the same.
 
     Args:
         spec: The task.
-        agents: Names of the agents; by default all agents without a scripted policy.
+        agents: Names of the agents; None for all agents without a scripted policy.
 
     Raises:
         SafeInspectError: There is no such agent.
