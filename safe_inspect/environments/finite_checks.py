@@ -8,17 +8,16 @@ import operator
 import os
 import tempfile
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 import numpy as np
 
-from safe_inspect.environments.layout import Layout
-from safe_inspect.errors import RAISED_IN, ArgumentError, MissingNameError, PluginValueError, SafeInspectError
+from safe_inspect.errors import RAISED_IN, MissingNameError, PluginValueError, SafeInspectError
 from safe_inspect.interrupts import Interrupted
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import State
-from safe_inspect.types import AnyArray, FloatArray
+from safe_inspect.types import AnyArray
 
 #: Environment variable with the folder for states that caused an error; during training it is the run folder.
 CRASH_FOLDER_VARIABLE = "SAFE_INSPECT_CRASH_FOLDER"
@@ -53,45 +52,9 @@ def require_shape(what: str, value: AnyArray, shape: tuple[int, ...]) -> None:
         raise PluginValueError(f"{what} gave an array of shape {value.shape}; expected shape {shape}, {meant}")
 
 
-def require_choices(agents: Sequence[str], layout: Layout, action: FloatArray) -> None:
-    """Raise an error when an element of a discrete action is not a valid index.
-
-    Args:
-        agents: Names of the agents; row i belongs to agent i modulo their number.
-        layout: The layout of a discrete action.
-        action: Finite numbers, shape (R, A).
-
-    Raises:
-        ArgumentError: An element is a fraction or out of range.
-    """
-    valid = np.minimum(np.maximum(np.rint(action), 0.0), layout.last_choices) == action
-    if np.count_nonzero(valid) == valid.size:
-        return
-    row, element = (int(index) for index in np.argwhere(~valid)[0])
-    raise ArgumentError(
-        f"the action of {agents[row % len(agents)]} is invalid in environment {row // len(agents)}: "
-        f"`{layout.names[element]}` is {action[row, element]:g}, "
-        f"but must be a whole number from 0 to {layout.choices[element] - 1}"
-    )
-
-
 def all_finite(value: AnyArray) -> bool:
     """Return whether all elements are finite. Counting is much faster than `all` on a small array."""
     return bool(np.count_nonzero(np.isfinite(value)) == value.size)
-
-
-def numbers(what: str, value: object) -> FloatArray:
-    """Return the value that a plugin returned as a float64 array.
-
-    Raises:
-        PluginValueError: The value is not an array of numbers.
-    """
-    if value is None:
-        raise PluginValueError(f"{what} gave None; return an array of numbers")
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise PluginValueError(f"{what} gave {str(value)[:80]!r}; expected an array of numbers") from None
 
 
 def require_finite(what: str, value: AnyArray, after: State, before: State | None = None) -> None:

@@ -11,12 +11,11 @@ import numpy as np
 from safe_inspect.config.spec import AgentSpec
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dynamics.base import Dynamics
-from safe_inspect.dynamics.clohessy_wiltshire import ClohessyWiltshire
 from safe_inspect.dynamics.quaternion import rotate_back
-from safe_inspect.environments.finite_checks import all_finite, numbers, require_choices, require_finite, require_shape
+from safe_inspect.environments.finite_checks import all_finite, require_finite, require_shape
 from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.environments.thrust import Thrusters
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
 from safe_inspect.glues.base import Glue, ObservationGlue
 from safe_inspect.plugins.functor import Named
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, shortened
@@ -24,7 +23,7 @@ from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.arrays import read_only
 from safe_inspect.simulators.state import State
-from safe_inspect.simulators.view import DECISION, REMAINING, FilterResult, Group, Step, View
+from safe_inspect.simulators.view import DECISION, REMAINING, Group, Step, View
 from safe_inspect.types import AnyArray, BoolArray, FloatArray
 
 
@@ -68,8 +67,8 @@ class AgentGroup:
         remembering: Done functions with memory, by the name of their memory.
     """
 
-    def __init__(self, specs: Sequence[AgentSpec], first: int, dynamics: Dynamics | None = None) -> None:
-        agent, dynamics = specs[0], dynamics or ClohessyWiltshire()
+    def __init__(self, specs: Sequence[AgentSpec], first: int, dynamics: Dynamics) -> None:
+        agent = specs[0]
         self._turns_thrust = dynamics.turns_thrust
         self.agents = tuple(spec.name for spec in specs)
         self.policies = tuple(spec.policy for spec in specs)
@@ -150,7 +149,7 @@ class AgentGroup:
             bad = int(np.flatnonzero(~np.isfinite(action).all(axis=1))[0])
             require_finite(f"the action of {self.agents[bad % self.size]}", action, view.state)
         if layout.choices:
-            require_choices(self.agents, layout, action)
+            self._require_choices(action)
         else:
             action = np.minimum(np.maximum(action, layout.low), layout.high)
         thrust = self.thrusters(action)
@@ -160,6 +159,19 @@ class AgentGroup:
             for glue, columns in self.thrusters.commands:
                 require_finite(self.title(glue), glue(action[:, columns], self.agent.parts), view.state)
         return action, thrust
+
+    def _require_choices(self, action: FloatArray) -> None:
+        """Raise an error when an element of a discrete action, finite numbers of shape (R, A), is not a valid index."""
+        layout = self.action_layout
+        valid = np.minimum(np.maximum(np.rint(action), 0.0), layout.last_choices) == action
+        if np.count_nonzero(valid) == valid.size:
+            return
+        row, element = (int(index) for index in np.argwhere(~valid)[0])
+        raise ArgumentError(
+            f"the action of {self.agents[row % self.size]} is invalid in environment {row // self.size}: "
+            f"`{layout.names[element]}` is {action[row, element]:g}, "
+            f"but must be a whole number from 0 to {layout.choices[element] - 1}"
+        )
 
     def due(self, state: State) -> BoolArray:
         """Return a mask of the agents that take an action in the next step because their decision has elapsed.
@@ -204,10 +216,6 @@ class AgentGroup:
             control[:, :3] = thrust
         return np.minimum(np.maximum(control, self.limits.low), self.limits.high)
 
-    def filter(self, desired: FloatArray, view: View) -> FilterResult | None:
-        """Return the result of the agents' own safety filter for the desired thrust; None without a filter."""
-        return None if self.safety_filter is None else self.safety_filter.filter(read_only(desired), view)
-
     def observe(self, view: View) -> AnyArray:
         """Return the observations, float32, shape (N, G, O); a scripted group has observations without elements."""
         if self.fused is not None and (found := self.fused.observe(view)) is not None:
@@ -251,10 +259,16 @@ class AgentGroup:
         return StepOutcome(observation, values, flags, status, bool(np.count_nonzero(status)))
 
     def term(self, named: Named[Reward], step: Step) -> FloatArray:
-        """Return a reward term after a check of its shape, (R,)."""
-        value = numbers(f"reward {named.name}", named.functor(step))
-        require_shape(f"reward {named.name}", value, (step.after.num_rows,))
-        return value
+        """Return a reward term, float64, after a check of its shape, (R,)."""
+        what, value = f"reward {named.name}", named.functor(step)
+        if value is None:
+            raise PluginValueError(f"{what} gave None; return an array of numbers")
+        try:
+            term = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise PluginValueError(f"{what} gave {str(value)[:80]!r}; expected an array of numbers") from None
+        require_shape(what, term, (step.after.num_rows,))
+        return term
 
     def fires(self, named: Named[DoneFunction], step: Step) -> BoolArray:
         """Return the result of a done function after a check of its shape, (R,)."""
@@ -273,12 +287,12 @@ class AgentGroup:
         return f"glue {glue.registered_name} ({', '.join(glue.names(self.agent.parts))})"
 
 
-def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics | None = None) -> tuple[AgentGroup, ...]:
+def group_agents(agents: Sequence[AgentSpec], dynamics: Dynamics) -> tuple[AgentGroup, ...]:
     """Return the groups of agents. Consecutive agents with equal terms are computed together in one group.
 
     Args:
         agents: The agents.
-        dynamics: Their dynamics; default: Clohessy-Wiltshire dynamics.
+        dynamics: Their dynamics.
     """
     starts = [k for k, agent in enumerate(agents) if k == 0 or not agents[k - 1].same_terms(agent)]
     return tuple(AgentGroup(agents[a:b], a, dynamics) for a, b in pairwise([*starts, len(agents)]))

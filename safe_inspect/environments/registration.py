@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from safe_inspect.config.experiment import build_experiment, load_experiment
+from safe_inspect.config.keys.old_keys import OTHER_WORDS
 from safe_inspect.config.spec import EnvironmentSpec
-from safe_inspect.environments.facades.arguments import check_keywords, checked_overrides
 from safe_inspect.environments.facades.multi_vector import MultiAgentVectorEnv
 from safe_inspect.environments.facades.single import InspectionEnv
 from safe_inspect.environments.facades.vector import InspectionVectorEnv
+from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
 
 if TYPE_CHECKING:
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv
@@ -27,7 +30,7 @@ def load_spec(cfg: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Env
     Raises:
         ConfigError: The configuration is invalid.
     """
-    return load_experiment(cfg, checked_overrides(overrides)).spec
+    return load_experiment(cfg, _checked_overrides(overrides)).spec
 
 
 def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
@@ -37,29 +40,70 @@ def build_spec(resolved: Mapping[str, Any]) -> EnvironmentSpec:
 
 def make(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionEnv:
     """Make one environment from an experiment file or a registered id; see `InspectionEnv`."""
-    check_keywords(InspectionEnv, kwargs, cfg, overrides)
-    return InspectionEnv(load_spec(cfg, overrides), **kwargs)
+    return InspectionEnv(_spec_for(InspectionEnv, cfg, overrides, kwargs), **kwargs)
 
 
 def make_vec(
     cfg: str | os.PathLike[str], num_envs: int = 1, overrides: Iterable[str] = (), **kwargs: Any
 ) -> InspectionVectorEnv:
     """Make N environments that step together; see `InspectionVectorEnv`."""
-    check_keywords(InspectionVectorEnv, kwargs, cfg, overrides)
-    return InspectionVectorEnv(load_spec(cfg, overrides), num_envs, **kwargs)
+    return InspectionVectorEnv(_spec_for(InspectionVectorEnv, cfg, overrides, kwargs), num_envs, **kwargs)
 
 
 def make_parallel(cfg: str | os.PathLike[str], overrides: Iterable[str] = (), **kwargs: Any) -> InspectionParallelEnv:
     """Make one PettingZoo environment with any number of agents; see `InspectionParallelEnv`."""
     from safe_inspect.environments.facades.parallel import InspectionParallelEnv  # PettingZoo takes half a second
 
-    check_keywords(InspectionParallelEnv, kwargs, cfg, overrides)
-    return InspectionParallelEnv(load_spec(cfg, overrides), **kwargs)
+    return InspectionParallelEnv(_spec_for(InspectionParallelEnv, cfg, overrides, kwargs), **kwargs)
 
 
 def make_parallel_vec(
     cfg: str | os.PathLike[str], num_envs: int = 1, overrides: Iterable[str] = (), **kwargs: Any
 ) -> MultiAgentVectorEnv:
     """Make N environments, with any number of agents, that step together; see `MultiAgentVectorEnv`."""
-    check_keywords(MultiAgentVectorEnv, kwargs, cfg, overrides)
-    return MultiAgentVectorEnv(load_spec(cfg, overrides), num_envs, **kwargs)
+    return MultiAgentVectorEnv(_spec_for(MultiAgentVectorEnv, cfg, overrides, kwargs), num_envs, **kwargs)
+
+
+def _checked_overrides(overrides: Any) -> list[str]:
+    """Return overrides as a list.
+
+    Raises:
+        ArgumentError: The overrides are a single string or a mapping, or contain something other than strings.
+    """
+    hint = 'a list of strings is expected, such as ["horizon=600"]'
+    if isinstance(overrides, str | Mapping) or not isinstance(overrides, Iterable):
+        raise ArgumentError(f"overrides: {hint}, not {overrides!r}")
+    given = list(overrides)
+    wrong = next((override for override in given if not isinstance(override, str)), None)
+    if wrong is not None:
+        raise ArgumentError(f"overrides: {hint}; {wrong!r} is not a string")
+    return given
+
+
+def _spec_for(
+    made: type[Any], cfg: str | os.PathLike[str], overrides: Iterable[str], given: Mapping[str, Any]
+) -> EnvironmentSpec:
+    """Return the task for an environment class, after a check that the class accepts the given keywords.
+
+    Raises:
+        KeywordError: A keyword is not accepted; for a key of the configuration, the message shows the override.
+    """
+    taken = [*list(inspect.signature(made).parameters)[1:], "overrides"]  # the first is the task
+    problems = []
+    for name in given:
+        if name in taken:
+            continue
+        hint = did_you_mean(name, taken)
+        override = f"{OTHER_WORDS.get(name, name)}={given[name]}"
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                load_experiment(cfg, [*overrides, override])
+            hint = f"a value of the configuration is replaced by overrides=[{override!r}]"
+        except ConfigError as error:
+            if any(problem.ambiguous for problem in error.problems):
+                hint = f"as an override, {error}"
+        problems.append(f"{made.__name__}() got an unexpected keyword argument {name!r}; {hint}")
+    if problems:
+        raise KeywordError("\n".join(problems))
+    return load_spec(cfg, overrides)

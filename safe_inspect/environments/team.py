@@ -184,9 +184,9 @@ class TeamEnvironment:
                 action, desired = group.command(next(given), view)
             steps.append(Step(view, view, action, desired, desired, idle, world.step_size))
         for group, step in zip(self.groups, steps, strict=True):
-            found = step.filtered = group.filter(step.writable_control, step.before)
-            if found is not None:
-                step.writable_control, step.writable_intervening = found.control, found.intervening
+            if group.safety_filter is not None:
+                result = step.filtered = group.safety_filter.filter(read_only(step.writable_control), step.before)
+                step.writable_control, step.writable_intervening = result.control, result.intervening
         everyone = not np.count_nonzero(simulation.state.finished)
         active = self._everyone if everyone else simulation.state.finished == 0
         control = self._whole([step.writable_control for step in steps])

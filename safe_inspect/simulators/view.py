@@ -304,8 +304,9 @@ class Step:
         writable_intervening: `intervening` as a writable array, likewise.
         dt: Length of the step [s].
         filtered: Result of the safety filter, if one is enabled.
-        invalid: Mask of the rows whose action was NaN or infinite, shape (R,); None if such an action stops the run.
     """
+
+    filtered: FilterResult | None = None
 
     def __init__(
         self,
@@ -316,7 +317,6 @@ class Step:
         desired_control: FloatArray,
         intervening: BoolArray,
         dt: float,
-        filtered: FilterResult | None = None,
     ) -> None:
         self.world = before.world
         self.before = before
@@ -326,7 +326,6 @@ class Step:
         self._desired_control = desired_control
         self.writable_intervening = intervening
         self.dt = dt
-        self.filtered = filtered
 
     def __getattr__(self, name: str) -> Any:
         """Return a value that a component of the task provides, such as ``new_points``."""

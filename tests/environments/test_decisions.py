@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -99,7 +101,7 @@ def test_an_intervention_of_the_filter_is_the_end_of_a_decision():
         zeros = np.zeros((len(desired), 0))
         return FilterResult(control, rows, ~rows & False, np.zeros(3, dtype=np.int64), zeros, zeros, ())
 
-    group.filter = brake
+    group.safety_filter = SimpleNamespace(filter=brake)
     action = np.tile(np.array([0.5, 0.0, 0.0, 3.0]), (3, 1, 1))
     core.step([action])
     assert core.due()[0].ravel().tolist() == [False, False, True]  # of a burn, too

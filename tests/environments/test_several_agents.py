@@ -359,7 +359,11 @@ def test_grouping_changes_nothing(monkeypatch):
     together = TeamEnvironment(spec, 4, seed=SEED)
     assert [group.size for group in together.groups] == [2, 2, 2, 1]
     first = fly(together, thrusts)
-    monkeypatch.setattr(team, "group_agents", lambda agents, _: tuple(AgentGroup([a], i) for i, a in enumerate(agents)))
+
+    def one_each(agents, dynamics):
+        return tuple(AgentGroup([agent], index, dynamics) for index, agent in enumerate(agents))
+
+    monkeypatch.setattr(team, "group_agents", one_each)
     apart = TeamEnvironment(spec, 4, seed=SEED)
     assert [group.size for group in apart.groups] == [1] * 7
     equal(first, fly(apart, thrusts))

@@ -1,20 +1,15 @@
-"""Checks of the arguments with which environments are made, reset and stepped."""
+"""Checks of the arguments with which the classes of environments are made, reset and stepped."""
 
 from __future__ import annotations
 
-import inspect
-import warnings
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from numbers import Integral, Real
-from os import PathLike
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from safe_inspect.config.experiment import load_experiment
-from safe_inspect.config.keys.old_keys import OTHER_WORDS
-from safe_inspect.errors import ArgumentError, ConfigError, KeywordError, did_you_mean
+from safe_inspect.errors import ArgumentError, did_you_mean
 from safe_inspect.types import AnyArray, IntArray
 
 #: Largest first slot, so that all slots of a batch fit in 64 bits.
@@ -44,22 +39,6 @@ def checked_slot(slot: Any, name: str) -> int:
     return int(slot)
 
 
-def checked_overrides(overrides: Any) -> list[str]:
-    """Return overrides as a list.
-
-    Raises:
-        ArgumentError: The overrides are a single string or a mapping, or contain something other than strings.
-    """
-    hint = 'a list of strings is expected, such as ["horizon=600"]'
-    if isinstance(overrides, str | Mapping) or not isinstance(overrides, Iterable):
-        raise ArgumentError(f"overrides: {hint}, not {overrides!r}")
-    given = list(overrides)
-    wrong = next((override for override in given if not isinstance(override, str)), None)
-    if wrong is not None:
-        raise ArgumentError(f"overrides: {hint}; {wrong!r} is not a string")
-    return given
-
-
 def checked_autoreset(mode: Any) -> AutoresetMode:
     """Return the mode that sets when ended environments are reset.
 
@@ -71,34 +50,6 @@ def checked_autoreset(mode: Any) -> AutoresetMode:
     except ValueError:
         known = [known.value for known in AutoresetMode]
         raise ArgumentError(f"autoreset_mode: there is no mode {mode!r}; {did_you_mean(str(mode), known)}") from None
-
-
-def check_keywords(
-    made: type[Any], given: Mapping[str, Any], cfg: str | PathLike[str], overrides: Iterable[str]
-) -> None:
-    """Check that an environment class accepts the given keywords.
-
-    Raises:
-        KeywordError: A keyword is not accepted; for a key of the configuration, the message shows the override.
-    """
-    taken = [*list(inspect.signature(made).parameters)[1:], "overrides"]  # the first is the task
-    problems = []
-    for name in given:
-        if name in taken:
-            continue
-        hint = did_you_mean(name, taken)
-        override = f"{OTHER_WORDS.get(name, name)}={given[name]}"
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                load_experiment(cfg, [*overrides, override])
-            hint = f"a value of the configuration is replaced by overrides=[{override!r}]"
-        except ConfigError as error:
-            if any(problem.ambiguous for problem in error.problems):
-                hint = f"as an override, {error}"
-        problems.append(f"{made.__name__}() got an unexpected keyword argument {name!r}; {hint}")
-    if problems:
-        raise KeywordError("\n".join(problems))
 
 
 def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()) -> None:

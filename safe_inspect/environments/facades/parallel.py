@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from gymnasium.spaces import Box, MultiDiscrete
@@ -15,13 +15,14 @@ from safe_inspect.environments.decisions import decide
 from safe_inspect.environments.episodes import current_infos, info_row, step_info
 from safe_inspect.environments.facades.arguments import checked_gamma, checked_slot
 from safe_inspect.environments.facades.rendering import RENDER_FPS, RENDER_MODE, Rendered
-from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions, space_of
+from safe_inspect.environments.facades.spaces import AgentsByName, checked_actions
 from safe_inspect.environments.finite_checks import checked_seed
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.errors import SafeInspectError
+from safe_inspect.errors import AgentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray, Observation
 
 Infos: TypeAlias = dict[str, dict[str, Any]]
+Space = TypeVar("Space")
 
 
 class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]):  # type: ignore[misc]
@@ -79,7 +80,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         Raises:
             AgentError: There is no controlled agent with that name.
         """
-        return space_of(self.observation_spaces, agent)
+        return _space_of(self.observation_spaces, agent)
 
     def action_space(self, agent: str) -> Box | MultiDiscrete:
         """Return the space of an agent's actions; it is always the same object.
@@ -87,7 +88,7 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
         Raises:
             AgentError: There is no controlled agent with that name.
         """
-        return space_of(self.action_spaces, agent)
+        return _space_of(self.action_spaces, agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -166,3 +167,14 @@ class InspectionParallelEnv(Rendered, ParallelEnv[str, Observation, Observation]
 
     def _by_agent(self, groups: Sequence[AnyArray]) -> dict[str, Observation]:
         return {agent: rows[0] for agent, rows in self._controlled.split(groups).items() if agent in self.agents}
+
+
+def _space_of(spaces: Mapping[str, Space], agent: str) -> Space:
+    """Return the space of an agent.
+
+    Raises:
+        AgentError: There is no controlled agent with that name.
+    """
+    if agent not in spaces:
+        raise AgentError(f"there is no controlled agent {agent!r}; {did_you_mean(str(agent), spaces)}")
+    return spaces[agent]

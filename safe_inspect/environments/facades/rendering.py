@@ -42,10 +42,10 @@ class Rendering:
         for row in range(len(self._ways)) if rows is None else rows.tolist():
             self._ways[row] = [positions[row]]
 
-    def follow(self, rows: BoolArray | None = None) -> None:
-        """Record the state after a step of a mask of environments, shape (N,), or of all environments."""
+    def follow(self, rows: BoolArray) -> None:
+        """Record the state after a step of a mask of environments, shape (N,)."""
         positions = self._positions()
-        for row in range(len(self._ways)) if rows is None else np.flatnonzero(rows).tolist():
+        for row in np.flatnonzero(rows).tolist():
             self._ways[row].append(positions[row])
 
     def picture(self, row: int = 0) -> AnyArray:

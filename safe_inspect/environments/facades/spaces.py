@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from safe_inspect.environments.facades.arguments import action_array
 from safe_inspect.environments.layout import Layout
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.errors import AgentError, ArgumentError, SafeInspectError, did_you_mean
+from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray, IntArray
 
 
@@ -27,9 +27,6 @@ def box(layout: Layout) -> Box:
 def action_space(layout: Layout) -> Box | MultiDiscrete:
     """Return the space of an action: indices of levels if the layout is discrete, else a box."""
     return MultiDiscrete(list(layout.choices)) if layout.choices else box(layout)
-
-
-Space = TypeVar("Space")
 
 
 class AgentsByName:
@@ -53,17 +50,6 @@ class AgentsByName:
     def split(self, groups: Sequence[AnyArray]) -> dict[str, AnyArray]:
         """Return the arrays of each agent, shape (N, ...), from those of the acting groups, shape (N, G, ...)."""
         return {agent: groups[index][:, member] for agent, (index, member) in self.places.items()}
-
-
-def space_of(spaces: Mapping[str, Space], agent: str) -> Space:
-    """Return the space of an agent.
-
-    Raises:
-        AgentError: There is no controlled agent with that name.
-    """
-    if agent not in spaces:
-        raise AgentError(f"there is no controlled agent {agent!r}; {did_you_mean(str(agent), spaces)}")
-    return spaces[agent]
 
 
 def checked_actions(
