@@ -8,7 +8,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.dynamics.coasting import least_coasting_range
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_loops import RowTerm
+from safe_inspect.simulators.row_inputs import RowTerm
 from safe_inspect.tasks.inspection.completion import Completion, PassiveSafety, has_reached
 from safe_inspect.types import FloatArray
 

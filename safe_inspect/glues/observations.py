@@ -15,7 +15,7 @@ from safe_inspect.glues.normalizers import Normalization, Normalizer
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.simulators.row_inputs import GlueReading, SensorReading
-from safe_inspect.simulators.row_plugin import RowCalls
+from safe_inspect.simulators.row_plugin import RowPlugin
 from safe_inspect.simulators.view import Group, ReadsState, View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
@@ -81,7 +81,7 @@ def _limits(bounds: tuple[float, float], size: int, scale: float) -> Bounds:
     return np.full(size, bounds[0] * scale), np.full(size, bounds[1] * scale)
 
 
-class DerivedGlue(ObservationGlue, RowCalls):
+class DerivedGlue(ObservationGlue, RowPlugin):
     """A normalised quantity that is computed from the agent's sensor readings; shape (R, size).
 
     A subclass defines either `values` or `row`, a row kernel that writes the quantity into its last argument, shape

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from safe_inspect.compiling import Kernel, generate
-from safe_inspect.simulators.row_inputs import RowInput
-from safe_inspect.simulators.row_loops import RowTerm
+from safe_inspect.simulators.row_inputs import RowInput, RowTerm
 from safe_inspect.simulators.row_plugin import RowPlugin, batch_call
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,15 +67,12 @@ class Offers:
         Raises:
             ValueError: Another component provides the same name.
         """
-        given: tuple[Mapping[str, Any], ...] = (
-            component.of_world(), component.of_view(), component.of_team(), component.of_step()
-        )  # fmt: skip
-        for known, new in zip((self.world, self.view, self.team, self.step), given, strict=True):
-            for name in new:
-                if name in known:
-                    raise ValueError(
-                        f"two components provide the name {name!r}; rename one, or remove one of the components"
-                    )
+        for what in ("world", "view", "team", "step"):
+            known, new = getattr(self, what), getattr(component, f"of_{what}")()
+            if repeated := [name for name in new if name in known]:
+                raise ValueError(
+                    f"two components provide the name {repeated[0]!r}; rename one, or remove one of the components"
+                )
             known.update(new)
         self.components.append(component)
 

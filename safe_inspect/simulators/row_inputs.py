@@ -1,4 +1,4 @@
-"""Inputs of a row kernel for one agent in one environment.
+"""Row kernels with their inputs (`RowTerm`), for one agent in one environment.
 
 The memory location of an input is found once, as an offset and two strides in bytes, between environments and between
 agents. With it, a kernel can read the input for every row of every state of that size.
@@ -6,13 +6,14 @@ agents. With it, a kernel can read the input for every row of every state of tha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from safe_inspect.compiling import Kernel
 from safe_inspect.simulators.offers import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, View
@@ -232,6 +233,26 @@ class AgentParameter:
 StateInput = OwnArray | BodyArray | EnvironmentArray | SensorMemory
 TermReading = SensorReading | GlueReading
 RowInput = StateInput | TermReading | Intervening | AgentParameter | AnyArray | float
+
+
+@dataclass(frozen=True, eq=False)
+class RowTerm:
+    """A row kernel and its inputs.
+
+    Attributes:
+        kernel: Function of the inputs of one agent in one environment, in order: numbers and arrays. It returns a
+            number or a bool; the kernel of a sensor instead writes the reading into an additional last argument, an
+            array of shape (size,).
+        inputs: Inputs of the kernel. Numbers and arrays are parameters.
+    """
+
+    kernel: Kernel[..., Any]
+    inputs: Sequence[RowInput]
+
+    @property
+    def read(self) -> tuple[TermReading, ...]:
+        """The readings of sensors and glues among the inputs, each once."""
+        return tuple({given.key: given for given in self.inputs if isinstance(given, TermReading)}.values())
 
 
 def place_of(given: RowInput, scene: Scene) -> InputPlace:

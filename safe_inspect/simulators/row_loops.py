@@ -20,30 +20,10 @@ import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.errors import MissingNameError, PluginValueError
-from safe_inspect.simulators.row_inputs import InputPlace, MemoryBase, RowInput, Scene, TermReading, place_of
+from safe_inspect.simulators.row_inputs import InputPlace, MemoryBase, RowInput, RowTerm, Scene, place_of
 from safe_inspect.types import AnyArray
 
 _SIGNATURE = "int64(int64, int64, int64, int64, int64)"
-
-
-@dataclass(frozen=True, eq=False)
-class RowTerm:
-    """A row kernel and its inputs.
-
-    Attributes:
-        kernel: Function of the inputs of one agent in one environment, in order: numbers and arrays. It returns a
-            number or a bool; the kernel of a sensor instead writes the reading into an additional last argument, an
-            array of shape (size,).
-        inputs: Inputs of the kernel; see `safe_inspect.simulators.row_inputs`. Numbers and arrays are parameters.
-    """
-
-    kernel: Kernel[..., Any]
-    inputs: Sequence[RowInput]
-
-    @property
-    def read(self) -> tuple[TermReading, ...]:
-        """The readings of sensors and glues among the inputs, each once."""
-        return tuple({given.key: given for given in self.inputs if isinstance(given, TermReading)}.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +32,7 @@ class PlacedTerm:
 
     Attributes:
         address: Address of the compiled loop.
-        call: The loop, callable from Python.
+        call: The loop, callable from Python; it returns 0 if the kernel raised an exception.
         table_address: Its first argument.
         keeps: References that keep the memory at the addresses valid: the loop, the table, and the locations of the
             inputs.
@@ -62,17 +42,6 @@ class PlacedTerm:
     call: Callable[..., int]
     table_address: int
     keeps: tuple[Any, ...]
-
-    def write(self, starts: Sequence[int], out: AnyArray, agents: int) -> bool:
-        """Write the term for all rows; return whether the kernel raised no exception.
-
-        Args:
-            starts: Start addresses of the blocks of memory, one for each `MemoryBase`.
-            out: Output: the result, shape (R,) or (R, size).
-            agents: Number of agents of an environment, G.
-        """
-        bases = np.array(starts, dtype=np.int64)
-        return bool(self.call(self.table_address, address_of(bases), address_of(out), len(out) // agents, agents))
 
 
 def place_term(term: RowTerm, scene: Scene, dtype: type[Any], stride: int, size: int) -> PlacedTerm:

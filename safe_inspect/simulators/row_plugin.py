@@ -10,8 +10,8 @@ import numpy as np
 
 from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.row_inputs import Intervening, MemoryBase, Scene, TermReading
-from safe_inspect.simulators.row_loops import PlacedTerm, RowTerm, address_of, place_term
+from safe_inspect.simulators.row_inputs import Intervening, MemoryBase, RowTerm, Scene, TermReading
+from safe_inspect.simulators.row_loops import PlacedTerm, address_of, place_term
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World
@@ -39,8 +39,18 @@ class _Known(NamedTuple):
     intervening: bool
 
 
-class RowCalls(Plugin):
-    """A plugin that may define a row kernel with `row`; see `RowPlugin`."""
+class RowPlugin(Plugin):
+    """A plugin that may define a row kernel with `row`, from which the call for a batch is derived.
+
+    If a class defines both `row` and ``__call__``, the latter is used when `row` returns None, and must return the same
+    result otherwise.
+    """
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Add the batch call to a class that defines `row` and has no ``__call__``."""
+        super().__init_subclass__(**kwargs)
+        if "row" in vars(cls) and getattr(cls.__call__, "__isabstractmethod__", False):
+            cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]
 
     def row(self, world: World, group: Group) -> RowTerm | None:
         """Return the row kernel with its inputs; None if the plugin is called with the whole batch instead.
@@ -71,8 +81,9 @@ class RowCalls(Plugin):
             given[MemoryBase.INTERVENING] = np.ascontiguousarray(seen.writable_intervening)
         dtype, size = self.row_result()
         out = np.full((view.num_rows, size), np.nan) if size else np.empty(view.num_rows, dtype=dtype)
-        starts = [0 if array is None else address_of(array) for array in given]
-        if not known.placed.write(starts, out, group.size):
+        bases = np.array([0 if array is None else address_of(array) for array in given], dtype=np.int64)
+        placed, places = known.placed, (address_of(bases), address_of(out))
+        if not placed.call(placed.table_address, *places, state.num_envs, group.size):
             raise PluginValueError(
                 f"the row kernel of {self.kind} {self.registered_name} raised an exception, which is printed above"
             )
@@ -96,16 +107,3 @@ class RowCalls(Plugin):
         placed = place_term(term, scene, dtype, np.dtype(dtype).itemsize * max(size, 1), size)
         intervening = any(isinstance(given, Intervening) for given in term.inputs)
         return _Known(world, group, state.specs, placed, term.read, intervening)
-
-
-class RowPlugin(RowCalls):
-    """A plugin that defines either ``__call__`` for a batch, or `row`, from which the batch call is derived.
-
-    If a class defines both, ``__call__`` is used when `row` returns None, and must return the same result otherwise.
-    """
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Add the batch call to a class that defines `row`."""
-        super().__init_subclass__(**kwargs)
-        if "row" in vars(cls) and "__call__" not in vars(cls):
-            cls.__call__ = RowPlugin.call_rows  # type: ignore[method-assign]

@@ -6,10 +6,10 @@ from safe_inspect.simulators.row_inputs import (
     EnvironmentArray,
     Intervening,
     OwnArray,
+    RowTerm,
     SensorMemory,
     SensorReading,
 )
-from safe_inspect.simulators.row_loops import RowTerm
 from safe_inspect.simulators.row_plugin import RowPlugin
 
 __all__ = [

@@ -114,8 +114,7 @@ class Simulation:
         self._actuating = [one for one in self.components.values() if type(one).actuate is not RunningComponent.actuate]
         physics_step = step_size / decimation
         self._of_body, self._shared = tuple(dynamics.arrays), tuple(dynamics.shared)
-        self._reset_shared, self._figures = dynamics.reset_shared, dynamics.initial_figures
-        self._initial, self.turns_thrust = dynamics.initial(), dynamics.turns_thrust
+        self._dynamics, self.turns_thrust = dynamics, dynamics.turns_thrust
         self._advance = advance_kernel(dynamics, physics_step, traced=dynamics.traced)
         self._parameters = dynamics(physics_step)
         shape = (num_envs, len(bodies), decimation)
@@ -197,19 +196,20 @@ class Simulation:
 
     def initial_figures(self) -> dict[str, FloatArray]:
         """Return the figures of the environments that the dynamics define, for episodes that have just started."""
-        return dict(self._figures({name: self.state[name] for name in self._shared}))
+        return dict(self._dynamics.initial_figures({name: self.state[name] for name in self._shared}))
 
     def _draw_initial_states(self, rows: IntArray, episodes: IntArray) -> tuple[State, dict[str, AnyArray]]:
         """Return an initial state for each of the given rows, and the statistics of its draw."""
         streams = Streams(self._seed, self._slots[rows], episodes)
         fresh = State(len(rows), self._specs)
         states, values = self._reset_plan.draw(streams)
+        still = self._dynamics.initial()
         for name, index in self.world.bodies.items():
             for array in self._of_body:
-                given = states[name] if array in states[name] else self._initial
+                given = states[name] if array in states[name] else still
                 if array in given:
                     fresh[array][:, index] = given[array]
-        for array, initial in self._reset_shared(values, len(rows)).items():
+        for array, initial in self._dynamics.reset_shared(values, len(rows)).items():
             fresh[array][:] = initial
         fresh.key[:] = streams.bits("step")[:, 0]
         for component in self.components.values():

@@ -76,7 +76,6 @@ class State:
         constants: The arrays that are constant during an episode.
         owned: The arrays that are named ``kind/owner/array``, by kind and owner.
         floats: The memory of all arrays that are not constant, as float64; see `start`.
-        wholes: The same memory as int64.
         bound: Kernels with their arguments, a cache for code that calls them in every step; it is not copied.
         memory: Declared arrays of the sensors by (agent group, part, array), one row for each environment and agent.
         whole_rows: Indices of these environments in the larger batch of which they are a part, shape (N,); None if they
@@ -113,7 +112,6 @@ class State:
         self.bound: dict[Any, tuple[Any, tuple[Any, ...]]] = {}
         self._block = block
         self.floats: FloatArray = self._block.view(np.float64)
-        self.wholes: IntArray = self._block.view(np.int64)
         self.constants = constants
         self.arrays = arrays = _arrays_in(block, num_envs, specs, constants)
         self.time: FloatArray = arrays["time"]
@@ -143,12 +141,10 @@ class State:
         )
 
     def __getattr__(self, name: str) -> Any:
-        """Return an array of a component by its name, or the arrays of all owners of one kind."""
+        """Return an array of a component by its name."""
         known = self.__dict__
         if name in known.get("arrays", ()):
             return known["arrays"][name]
-        if name in known.get("owned", ()):
-            return known["owned"][name]
         raise missing("state", name, {**known.get("arrays", {}), **known.get("owned", {})})
 
     def __getitem__(self, name: str) -> AnyArray:

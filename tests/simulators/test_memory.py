@@ -20,13 +20,14 @@ from safe_inspect.simulators.row_inputs import (
     Intervening,
     MemoryBase,
     OwnArray,
+    RowTerm,
     Scene,
     SensorMemory,
     SensorReading,
     own_estimate,
     place_of,
 )
-from safe_inspect.simulators.row_loops import RowTerm, _check, place_term
+from safe_inspect.simulators.row_loops import _check, place_term
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World
@@ -74,8 +75,7 @@ def test_arrays_lie_behind_each_other_at_multiples_of_64_bytes() -> None:
             continue
         assert state.start(name) == start
         start += -(-state[name].nbytes // 64) * 64
-    assert state.floats.nbytes == state.wholes.nbytes == start
-    assert (state.floats.dtype, state.wholes.dtype) == (np.float64, np.int64)
+    assert (state.floats.nbytes, state.floats.dtype) == (start, np.float64)
     state.arrays["time"] = np.zeros(ENVS)
     with pytest.raises(ValueError, match="the array time does not lie in the common memory"):
         state.start("time")
@@ -200,7 +200,7 @@ def test_inputs_of_a_kernel_lie_where_the_arrays_do(first: int, size: int) -> No
             ):
                 place = place_of(given, where)
                 assert place.base == base
-                np.testing.assert_array_equal(read(place, state.wholes, env, agent), expected)
+                np.testing.assert_array_equal(read(place, state.floats, env, agent), expected)
             place = place_of(SensorReading("radar"), where)
             assert place.base == MemoryBase.READINGS
             np.testing.assert_array_equal(read(place, readings, env, agent), readings[env * size + agent, 3:5])
@@ -214,7 +214,7 @@ def test_inputs_of_a_kernel_lie_where_the_arrays_do(first: int, size: int) -> No
         assert place.shape[:2] == (1, 1)
         np.testing.assert_array_equal(place.keeps[0, 0], number)
     seen = place_of(SensorMemory("sensor", "seen"), scene(1, 2))
-    np.testing.assert_array_equal(read(seen, state.wholes, 3, 1), state["memory/some/sensor/seen"][3, 1])
+    np.testing.assert_array_equal(read(seen, state.floats, 3, 1), state["memory/some/sensor/seen"][3, 1])
 
 
 def test_inputs_that_no_kernel_can_read_are_refused() -> None:
