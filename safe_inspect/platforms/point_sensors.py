@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from safe_inspect.compiling import njit
+from safe_inspect.dynamics.rotation_row import rotated
 from safe_inspect.geometry.clusters import KMeansRule, RowDraws, cluster_candidates, direction_to_nearest
+from safe_inspect.geometry.visibility import Surface, light_row, point_axes
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_number, copy_turned, copy_vector
 from safe_inspect.plugins.plugin import PlatformName, PointsName
@@ -18,8 +20,7 @@ from safe_inspect.simulators import Group, Simulator, View, World
 from safe_inspect.simulators.row_terms import BodyArray, EnvironmentArray, OwnArray, RowTerm, SensorMemory
 from safe_inspect.simulators.state import ArraySpec
 from safe_inspect.tasks.inspection.points import InspectionPoints
-from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body, turned_direction_to_nearest
-from safe_inspect.tasks.inspection.uninspected_moments import MOMENTS, turn_moments, uninspected_moments
+from safe_inspect.tasks.inspection.rotation import array_in_axes_of, rotating_body
 from safe_inspect.types import FloatArray
 
 #: The declared arrays of an `UninspectedPointsSensor`, in the order of `cluster_candidates`.
@@ -105,6 +106,31 @@ class PriorityVectorSensor(Sensor, name="Sensor_PriorityVector"):
         return RowTerm(copy_turned, (1.0, EnvironmentArray("chief_orientation"), vector))
 
 
+@njit
+def _turned_direction_to_nearest(
+    orientation: FloatArray,
+    viewer: FloatArray,
+    body: FloatArray,
+    centres: FloatArray,
+    count: int,
+    direction: FloatArray,
+) -> None:
+    """Call `direction_to_nearest` in the axes of a rotating body, and write the direction in Hill's frame.
+
+    Args:
+        orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
+        viewer: As in `direction_to_nearest`, in the body's axes.
+        body: As in `direction_to_nearest`, in the body's axes.
+        centres: As in `direction_to_nearest`, in the body's axes.
+        count: As in `direction_to_nearest`.
+        direction: Receives the direction [-], Hill frame, shape (3,).
+    """
+    direction_to_nearest(viewer, body, centres, count, direction)
+    turned = rotated(orientation, direction[0], direction[1], direction[2])
+    for k in range(3):
+        direction[k] = turned[k]
+
+
 class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
     """Direction to the nearest cluster of points that are lit and not inspected [-], shape (R, 3).
 
@@ -152,12 +178,7 @@ class UninspectedPointsSensor(Sensor, name="Sensor_UninspectedPoints"):
         inputs = viewer, BodyArray(position, entity), *memory
         if entity != rotating_body(world):
             return RowTerm(direction_to_nearest, inputs)
-        return RowTerm(turned_direction_to_nearest, (EnvironmentArray("chief_orientation"), *inputs))
-
-
-_SUMS = "moments"
-_KINDS = ("lit", "dark")
-_OF_A_KIND = ("share", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+        return RowTerm(_turned_direction_to_nearest, (EnvironmentArray("chief_orientation"), *inputs))
 
 
 @njit
@@ -215,6 +236,87 @@ class UninspectedPointsMapSensor(Sensor, name="Sensor_UninspectedPointsMap"):
             raise ValueError(f"{text}; remove `num_points`")
 
 
+_SUMS = "moments"
+_KINDS = ("lit", "dark")
+_OF_A_KIND = ("share", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
+#: Length of the moments of one kind of points.
+_ELEMENTS = len(_OF_A_KIND)
+
+
+@njit
+def _within_unit(value: float) -> float:
+    return min(max(value, -1.0), 1.0)
+
+
+@njit
+def _uninspected_moments(
+    size: int, sun: FloatArray, surface: Surface, inspector: NDArray[np.int8], moments: FloatArray
+) -> None:
+    """Write the moments of the points that no deputy has inspected, lit and dark, for each deputy of a group.
+
+    Args:
+        size: Number of deputies of the group, G; R = N * G rows.
+        sun: Unit vectors to the sun [-], shape (N, 3).
+        surface: The points of the body, relative to its centre.
+        inspector: Index of the deputy that inspected each point, -1 for none, shape (N, P).
+        moments: Receives, for the lit points and then for the dark ones: their number over P, the mean of their unit
+            vectors, and the mean of the products xx, yy, zz, xy, xz, yz; zeros if there are none; shape (R, 20).
+    """
+    total = surface.points.shape[0]
+    axes, bright = point_axes(surface.points), np.empty(total, dtype=np.bool_)
+    for n in range(sun.shape[0]):
+        light_row(sun[n], axes, surface.terminator, bright)
+        for g in range(size):
+            sums = moments[n * size + g]
+            sums[:] = 0.0
+            for p in range(total):
+                if inspector[n, p] >= 0:
+                    continue
+                at = 0 if bright[p] else _ELEMENTS
+                x, y, z = axes[0, p] / surface.radius, axes[1, p] / surface.radius, axes[2, p] / surface.radius
+                sums[at] += 1.0
+                sums[at + 1] += x
+                sums[at + 2] += y
+                sums[at + 3] += z
+                sums[at + 4] += x * x
+                sums[at + 5] += y * y
+                sums[at + 6] += z * z
+                sums[at + 7] += x * y
+                sums[at + 8] += x * z
+                sums[at + 9] += y * z
+            for at in (0, _ELEMENTS):
+                count = sums[at]
+                if count > 0.0:
+                    sums[at] = count / total
+                    for k in range(1, _ELEMENTS):
+                        sums[at + k] = _within_unit(sums[at + k] / count)
+
+
+@njit
+def _turn_moments(orientation: FloatArray, moments: FloatArray, turned: FloatArray) -> None:
+    """Write moments in Hill's frame: ``R m`` of the means, ``R M R^T`` of the second moments.
+
+    Args:
+        orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
+        moments: Moments in the axes of the body, see `_uninspected_moments`, shape (20,).
+        turned: Receives the moments in Hill's frame, shape (20,).
+    """
+    for at in (0, _ELEMENTS):
+        m = moments[at : at + _ELEMENTS]
+        turned[at] = m[0]
+        mean = rotated(orientation, m[1], m[2], m[3])
+        # The columns of R M; its rows, rotated again, are those of R M R^T.
+        x = rotated(orientation, m[4], m[7], m[8])
+        y = rotated(orientation, m[7], m[5], m[9])
+        z = rotated(orientation, m[8], m[9], m[6])
+        first = rotated(orientation, x[0], y[0], z[0])
+        second = rotated(orientation, x[1], y[1], z[1])
+        third = rotated(orientation, x[2], y[2], z[2])
+        found = (mean[0], mean[1], mean[2], first[0], second[1], third[2], first[1], first[2], second[2])
+        for k in range(9):
+            turned[at + 1 + k] = _within_unit(found[k])
+
+
 class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMoments"):
     """Distribution of the points that no deputy has inspected, in 20 numbers [-], Hill frame, shape (R, 20).
 
@@ -237,15 +339,15 @@ class UninspectedPointsMomentsSensor(Sensor, name="Sensor_UninspectedPointsMomen
 
     def memory(self, world: World) -> Mapping[str, ArraySpec]:
         """Declare the moments in the axes of the body."""
-        return {_SUMS: ArraySpec((MOMENTS,))}
+        return {_SUMS: ArraySpec((2 * _ELEMENTS,))}
 
     def remember(self, view: View, name: str) -> None:
         """Compute the moments of every row."""
-        _call(uninspected_moments, view, name, self.inspection_entity_name, (_SUMS,))
+        _call(_uninspected_moments, view, name, self.inspection_entity_name, (_SUMS,))
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the kernel that writes the moments [-], Hill frame."""
         moments = SensorMemory(self.part_name, _SUMS)
         if self.inspection_entity_name != rotating_body(world):
             return RowTerm(copy_vector, (moments,))
-        return RowTerm(turn_moments, (EnvironmentArray("chief_orientation"), moments))
+        return RowTerm(_turn_moments, (EnvironmentArray("chief_orientation"), moments))

@@ -13,8 +13,11 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import BatchedEnvironment, TeamEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.platforms.outlook_sensors import CoastingRangeSensor, CoastingTimeToLimitsSensor, TimeLeftSensor
-from safe_inspect.platforms.point_sensors import UninspectedPointsMapSensor, UninspectedPointsMomentsSensor
-from safe_inspect.tasks.inspection.uninspected_moments import turn_moments
+from safe_inspect.platforms.point_sensors import (
+    UninspectedPointsMapSensor,
+    UninspectedPointsMomentsSensor,
+    _turn_moments,
+)
 
 N = 0.001027
 ORBIT = 2.0 * math.pi / N
@@ -165,7 +168,7 @@ class TestUninspectedPoints:
             return np.tile([0.07, *vectors.mean(axis=0), *second.diagonal(), *second[0, 1:], second[1, 2]], 2)
 
         turned = np.empty(20)
-        turn_moments(orientation, moments(units), turned)
+        _turn_moments(orientation, moments(units), turned)
         np.testing.assert_allclose(turned, moments(units @ matrix.T), atol=1e-12)
 
 

@@ -12,9 +12,8 @@ from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.inertia import PrincipalMoments, principal_axes
 from safe_inspect.dynamics.attitude.rigid_body import rotate_freely
-from safe_inspect.dynamics.rotation_row import Components, product, rotated, rotated_back
+from safe_inspect.dynamics.rotation_row import Components, product, rotated_back
 from safe_inspect.errors import ArgumentError
-from safe_inspect.geometry.clusters import direction_to_nearest
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.random.splitmix import uniform_at
 from safe_inspect.simulators import OfView, PassiveComponent, RunningComponent, State, World
@@ -53,15 +52,15 @@ class FreeRotation(BaseModel):
             raise ValueError(f"the smallest `rate` {self.rate[0]:g} is above the largest {self.rate[1]:g}; swap them")
         return self
 
-    def steps(self, step_size: float) -> FreeSteps:
+    def steps(self, step_size: float) -> _FreeSteps:
         """Return the constants of the integration of a step [s]."""
         # The angular velocity grows at most by the ratio of the moments, since energy and momentum are constant.
         fastest = self.rate[1] * max(self.inertia) / min(self.inertia)
         substeps = max(math.ceil(step_size * fastest / _LARGEST_TURN), 1)
-        return FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
+        return _FreeSteps(self.inertia, self.rate, step_size / substeps, substeps)
 
 
-class FreeSteps(NamedTuple):
+class _FreeSteps(NamedTuple):
     """Constants: moments of inertia, range of rates [rad/s], integration step [s] and the number of these in a step."""
 
     inertia: tuple[float, float, float]
@@ -71,7 +70,7 @@ class FreeSteps(NamedTuple):
 
 
 @njit
-def _draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def _draw_rotations(key: AnyArray, steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Write the first attitudes to inertial axes, shape (N, 4), and angular velocities in body axes, shape (N, 3).
 
     Source: Shoemake, "Uniform random rotations", Graphics Gems III, 1992, for the attitudes.
@@ -88,7 +87,7 @@ def _draw_rotations(key: AnyArray, steps: FreeSteps, inertial: FloatArray, spin:
 
 
 @njit
-def rotate_bodies(steps: FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
+def rotate_bodies(steps: _FreeSteps, inertial: FloatArray, spin: FloatArray) -> None:
     """Advance attitudes, shape (N, 4), and angular velocities, shape (N, 3), by a step."""
     for n in range(inertial.shape[0]):
         rotate_freely(steps.inertia, inertial[n], spin[n], steps.step, steps.substeps)
@@ -118,7 +117,7 @@ _ANGLE, _ORIENTATION = "chief_angle", "chief_orientation"
 _INERTIAL, _SPIN = "chief_inertial", "chief_spin"
 
 
-class BodyAxes(NamedTuple):
+class _BodyAxes(NamedTuple):
     """Attitude of a rotating body in N environments, and the B bodies and the sun expressed in its axes.
 
     Attributes:
@@ -150,7 +149,7 @@ def _rotate_steadily(turn: float, axis: Components, angle: FloatArray, orientati
 
 
 @njit
-def write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: FloatArray, axes: BodyAxes) -> None:
+def _write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: FloatArray, axes: _BodyAxes) -> None:
     """Write the bodies and the sun in the axes of a body.
 
     Args:
@@ -176,31 +175,6 @@ def write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: Fl
             relative = product((-x, -y, -z, w), attitude[n, b])
             for k in range(4):
                 axes.attitude[n, b, k] = relative[k]
-
-
-@njit
-def turned_direction_to_nearest(
-    orientation: FloatArray,
-    viewer: FloatArray,
-    body: FloatArray,
-    centres: FloatArray,
-    count: int,
-    direction: FloatArray,
-) -> None:
-    """Call `direction_to_nearest` in the axes of a rotating body, and write the direction in Hill's frame.
-
-    Args:
-        orientation: Attitude of the body, from its axes to Hill's frame, shape (4,).
-        viewer: As in `direction_to_nearest`, in the body's axes.
-        body: As in `direction_to_nearest`, in the body's axes.
-        centres: As in `direction_to_nearest`, in the body's axes.
-        count: As in `direction_to_nearest`.
-        direction: Receives the direction [-], Hill frame, shape (3,).
-    """
-    direction_to_nearest(viewer, body, centres, count, direction)
-    turned = rotated(orientation, direction[0], direction[1], direction[2])
-    for k in range(3):
-        direction[k] = turned[k]
 
 
 def array_in_axes_of(entity: str, world: World, name: str) -> str:
@@ -293,8 +267,8 @@ class _Rotating(RunningComponent):
         """Write the bodies and the sun in the axes of the body, whose orientation is known."""
         arrays = state.arrays
         attitude = arrays.get("orientation", np.zeros((state.num_envs, 0, 4)))
-        axes = BodyAxes(arrays[_ORIENTATION], *(arrays[name] for name in self._names))
-        write_in_axes(self._body, state.position, arrays.get(LIGHT, arrays["sun_direction"]), attitude, axes)
+        axes = _BodyAxes(arrays[_ORIENTATION], *(arrays[name] for name in self._names))
+        _write_in_axes(self._body, state.position, arrays.get(LIGHT, arrays["sun_direction"]), attitude, axes)
 
 
 class _SteadilyRotating(_Rotating):
