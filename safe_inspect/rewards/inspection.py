@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import least_coasting_range
 from safe_inspect.geometry.distance import is_nearer
 from safe_inspect.plugins.plugin import PointsName, SensorName
 from safe_inspect.rewards.base import Reward, paid_if
 from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_inputs import EnvironmentArray, Intervening, RowTerm, range_inputs
 from safe_inspect.tasks.inspection.completion import Completion, PassiveSafety, has_reached
-from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength
 
 
 @njit
 def _gained(scale: float, step_before: int, before: float, after: float) -> float:
     return scale * float(after - (0 if step_before == 0 else before))
-
-
-@njit
-def _safely_complete(
-    rule: FloatArray, inspected: float, limit: float, position: FloatArray, velocity: FloatArray, table: FloatArray
-) -> float:
-    if inspected < limit:
-        return 0.0
-    clear = least_coasting_range(position, velocity, table, rule[0]) >= rule[1]
-    reward: float = rule[2] if clear else rule[3]
-    return reward
 
 
 class ObservedPointsReward(Reward):
@@ -79,7 +66,7 @@ class SafeInspectionSuccessReward(PassiveSafety, Reward):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: scale or crash_scale if the inspection is complete, otherwise 0."""
-        return RowTerm(_safely_complete, self.inputs(world, self.scale, self.crash_scale))
+        return self.verdict(world, self.scale, self.crash_scale)
 
 
 class InspectionCrashReward(Reward):

@@ -19,10 +19,15 @@ from safe_inspect.types import FloatArray
 
 
 @njit
-def facing(axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray) -> float:
-    """Return the cosine of the angle between a camera's axis and the direction to a body, 0 at distance 0.
+def _decay(
+    rule: FloatArray, axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray
+) -> float:
+    """Return the reward for the cosine of the angle between a camera's axis and the direction to a body.
+
+    The cosine is 0 at distance 0.
 
     Args:
+        rule: Largest reward, cosine with this reward, width of the Gaussian and largest difference [-], shape (4,).
         axis: Unit vector of the axis in body axes, shape (3,).
         orientation: Attitude quaternion from body to Hill's frame, shape (4,).
         position: Position of the camera's vehicle [m], shape (3,).
@@ -30,18 +35,11 @@ def facing(axis: FloatArray, orientation: FloatArray, position: FloatArray, targ
     """
     x, y, z = target[0] - position[0], target[1] - position[1], target[2] - position[2]
     size = math.sqrt(x * x + y * y + z * z)
-    if size == 0.0:
-        return 0.0
-    look = rotated(orientation, axis[0], axis[1], axis[2])
-    cosine: float = (look[0] * x + look[1] * y + look[2] * z) / size
-    return cosine
-
-
-@njit
-def _decay(
-    rule: FloatArray, axis: FloatArray, orientation: FloatArray, position: FloatArray, target: FloatArray
-) -> float:
-    away = facing(axis, orientation, position, target) - rule[1]
+    cosine = 0.0
+    if size != 0.0:
+        look = rotated(orientation, axis[0], axis[1], axis[2])
+        cosine = (look[0] * x + look[1] * y + look[2] * z) / size
+    away = cosine - rule[1]
     return rule[0] * math.exp(-away * away / rule[2]) if abs(away) <= rule[3] else 0.0
 
 

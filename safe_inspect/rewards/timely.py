@@ -7,19 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from safe_inspect.compiling import njit
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import DoneName
 from safe_inspect.rewards.base import Reward, paid_if
 from safe_inspect.simulators import Group, Step, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, RowTerm
+from safe_inspect.tasks.inspection.completion import has_reached
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration
-
-
-@njit
-def _alive(reward: float, last: float, time: float) -> float:
-    return reward if time <= last else 0.0
 
 
 class LiveTimestepReward(Reward):
@@ -35,7 +30,7 @@ class LiveTimestepReward(Reward):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel: the reward of the step."""
-        return RowTerm(_alive, (self.step_reward, self.max_time_rewarded, EnvironmentArray("time")))
+        return paid_if(has_reached, self.step_reward, (self.max_time_rewarded, EnvironmentArray("time")))
 
 
 class WinLoseDoneReward(Reward):

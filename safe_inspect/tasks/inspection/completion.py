@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.coasting import grid
+from safe_inspect.dynamics.coasting import grid, least_coasting_range
 from safe_inspect.plugins.plugin import Plugin, PointsName
-from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, RowInput
+from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, RowInput, RowTerm
 from safe_inspect.simulators.world import World
+from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength
 
 
@@ -20,6 +21,21 @@ from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLe
 def has_reached(value: float, limit: float) -> bool:
     """Return whether a number is at least a limit."""
     return value >= limit
+
+
+@njit
+def _verdict(
+    rule: FloatArray, inspected: float, limit: float, position: FloatArray, velocity: FloatArray, table: FloatArray
+) -> float:
+    """Return rule[2] if the inspection is complete and coasting is safe, rule[3] if it is unsafe, 0 before completion.
+
+    Coasting is safe if the range stays at rule[1] [m] or above, for the mean motion rule[0] [rad/s].
+    """
+    if inspected < limit:
+        return 0.0
+    clear = least_coasting_range(position, velocity, table, rule[0]) >= rule[1]
+    verdict: float = rule[2] if clear else rule[3]
+    return verdict
 
 
 class Completion(Plugin):
@@ -56,16 +72,15 @@ class PassiveSafety(Completion):
     mean_motion: PositiveAngularRate | None = None
     fft_time_step: PositiveDuration = 1.0
 
-    def inputs(self, world: World, *parameters: float) -> tuple[Any, ...]:
-        """Return the inputs of a row kernel: an array of parameters, those of `has_reached`, then those of coasting.
-
-        The array contains the mean motion [rad/s], the smallest range [m] and the given parameters. The inputs of
-        coasting are those of `least_coasting_range` except the last one.
+    def verdict(self, world: World, safe: float, unsafe: float) -> RowTerm:
+        """Return the row kernel: 0 before the inspection is complete, then a number that depends on coasting.
 
         Args:
             world: The constant data of the simulation.
-            *parameters: Further parameters of the kernel.
+            safe: The number if the deputy would stay away from the origin.
+            unsafe: The number if it would not.
         """
         n = float(world.mean_motion if self.mean_motion is None else self.mean_motion)
-        rule = np.array([n, self.crash_region_radius, *parameters])
-        return rule, *self.completion(world), OwnArray("position"), OwnArray("velocity"), grid(n, 2.0 * math.pi / n)
+        rule = np.array([n, self.crash_region_radius, safe, unsafe])
+        coasting = OwnArray("position"), OwnArray("velocity"), grid(n, 2.0 * math.pi / n)
+        return RowTerm(_verdict, (rule, *self.completion(world), *coasting))
