@@ -18,7 +18,6 @@ from safe_inspect.tasks.docking.speed_limit import (
     docking_outcome,
     is_too_fast,
     own_motion,
-    region_rule,
 )
 from safe_inspect.tasks.rendezvous.mating import docking_inputs, is_docked, is_in_contact
 from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
@@ -65,7 +64,7 @@ class CrashDoneFunction(ReferenceSensors, DoneFunction):
         """Return the row kernel that decides whether the range is too small, or was reached too fast."""
         limit = self.velocity_constraint
         if limit is not None:
-            rule = region_rule(limit, world, self.crash_region_radius, self.along_step)
+            rule = limit.region_rule(world, self.crash_region_radius, self.along_step)
             return RowTerm(is_too_fast, (rule, *own_motion(before=True), *own_motion(), *self.reference_inputs()))
         return RowTerm(is_nearer, (self.crash_region_radius, *range_inputs(self.reference_position_sensor_name)))
 

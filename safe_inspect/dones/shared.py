@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.plugins.plugin import DoneName, Plugin
 from safe_inspect.simulators.team import TeamStep
-from safe_inspect.types import AnyArray, BoolArray
+from safe_inspect.types import AnyArray
 from safe_inspect.units import PositiveLength
 
 Ending = Literal["win", "lose", "draw"]
@@ -54,7 +54,7 @@ class CollisionDoneFunction(SharedDoneFunction):
             gone = np.isin(step.status, [DoneStatus[ending.upper()] for ending in self.exempt])
             one, other = np.triu_indices(step.status.shape[1], 1)
             near = near & ~gone[:, one] & ~gone[:, other]
-        return _where(near.any(axis=-1), _LOSE)
+        return np.where(near.any(axis=-1), _LOSE, _RUNNING)
 
 
 class MultiagentSuccessDoneFunction(SharedDoneFunction):
@@ -77,7 +77,7 @@ class MultiagentSuccessDoneFunction(SharedDoneFunction):
         asked = np.asarray(step.has[name])
         won = (step.fired[name] & (step.status != _LOSE)) | (step.before.finished == _WIN)
         everybody = (won | ~asked).all(axis=-1)
-        return _where(everybody & asked.any(), _WIN)
+        return np.where(everybody & asked.any(), _WIN, _RUNNING)
 
 
 class SetAllDoneFunction(SharedDoneFunction):
@@ -98,7 +98,3 @@ class SetAllDoneFunction(SharedDoneFunction):
             if status.name.lower() in self.statuses:
                 found[(step.status == status).any(axis=-1)] = status
         return found
-
-
-def _where(rows: BoolArray, status: np.int8) -> AnyArray:
-    return np.where(rows, status, _RUNNING)

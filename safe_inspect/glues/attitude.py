@@ -11,11 +11,11 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.glues.base import Bounds, Parts
-from safe_inspect.glues.observations import DerivedGlue, ObserveSensor, wrapped_input
+from safe_inspect.glues.observations import DerivedGlue, ObserveSensor
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import RowTerm
+from safe_inspect.simulators.row_inputs import GlueReading, RowTerm, SensorReading
 from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 
@@ -109,7 +109,7 @@ class RotateVectorToLocalRef3d(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that writes the rotated vector."""
-        rotation, vector = (wrapped_input(glue, group) for glue in self.wrapped)
+        rotation, vector = (_wrapped_input(glue, group) for glue in self.wrapped)
         euler = self.mode == "euler"
         return RowTerm(_turned, (float(self.apply_inv), float(euler), rotation, vector))
 
@@ -145,7 +145,7 @@ class MagNorm3DGlue(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that writes length and unit vector."""
-        return RowTerm(_magnitude_and_direction, (wrapped_input(self.wrapped, group),))
+        return RowTerm(_magnitude_and_direction, (_wrapped_input(self.wrapped, group),))
 
 
 class AngleToUnitVector(DerivedGlue):
@@ -179,7 +179,7 @@ class AngleToUnitVector(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that writes the unit vector."""
-        return RowTerm(_direction, (wrapped_input(self.wrapped, group),))
+        return RowTerm(_direction, (_wrapped_input(self.wrapped, group),))
 
 
 class CoordinateAxisGlue(DerivedGlue):
@@ -242,7 +242,7 @@ class DotProductGlue(DerivedGlue):
 
     def row(self, world: World, group: Group) -> RowTerm:
         """Return the row kernel that writes the inner product."""
-        first, second = (wrapped_input(glue, group) for glue in self.wrapped)
+        first, second = (_wrapped_input(glue, group) for glue in self.wrapped)
         return RowTerm(_product, (float(self.normalize_vectors), first, second))
 
 
@@ -260,3 +260,17 @@ def _within_ball(bounds: Bounds) -> Bounds:
     """Return bounds of a vector's components that hold for every rotation, for given bounds of the components."""
     largest = lengths(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))[None]) * (1.0 + 1e-12)
     return -np.repeat(largest, len(bounds[0])), np.repeat(largest, len(bounds[0]))
+
+
+def _wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
+    """Return the observation of a wrapped glue as an input of a row kernel.
+
+    Args:
+        glue: The wrapped glue.
+        group: The agents whose sensors are read.
+    """
+    if type(glue) is ObserveSensor:
+        scale, normalizer, _, _ = glue.prepared(group.sensors[glue.sensor])
+        if scale == 1.0 and normalizer is None:
+            return SensorReading(glue.sensor)
+    return GlueReading(glue, len(glue.names(group.sensors)))

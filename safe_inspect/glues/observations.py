@@ -14,9 +14,8 @@ from safe_inspect.glues.base import Bounds, ObservationGlue, Parts, sensor_of
 from safe_inspect.glues.normalizers import Normalization, Normalizer
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import SensorName
-from safe_inspect.simulators.row_inputs import GlueReading, SensorReading
 from safe_inspect.simulators.row_plugin import RowPlugin
-from safe_inspect.simulators.view import Group, ReadsState, View
+from safe_inspect.simulators.view import ReadsState, View
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit
 from safe_inspect.types import FloatArray
 from safe_inspect.units import factor, unit
@@ -175,17 +174,3 @@ class VelocityLimitGlue(SpeedLimit, DerivedGlue):
         threshold, distance, slope, _ = self.limit_line(view.world)
         limit: FloatArray = threshold + slope * np.maximum(lengths(view.reading(self.sensor))[:, None] - distance, 0.0)
         return limit
-
-
-def wrapped_input(glue: Any, group: Group) -> SensorReading | GlueReading:
-    """Return the observation of a wrapped glue as an input of a row kernel.
-
-    Args:
-        glue: The wrapped glue.
-        group: The agents whose sensors are read.
-    """
-    if type(glue) is ObserveSensor:
-        scale, normalizer, _, _ = glue.prepared(group.sensors[glue.sensor])
-        if scale == 1.0 and normalizer is None:
-            return SensorReading(glue.sensor)
-    return GlueReading(glue, len(glue.names(group.sensors)))

@@ -18,7 +18,7 @@ from safe_inspect.types import FloatArray
 from safe_inspect.units import Force, Torque, factor, unit
 
 
-class ActuatorLimits(StrictNumbers):
+class _ActuatorLimits(StrictNumbers):
     """The quantity that a controller commands, with its smallest and largest value.
 
     Attributes:
@@ -65,7 +65,7 @@ class ActuatorLimits(StrictNumbers):
         return np.minimum(np.maximum(value, low), high)
 
 
-class ThrustProp(ActuatorLimits):
+class ThrustProp(_ActuatorLimits):
     """Thrust along one axis.
 
     Attributes:
@@ -82,7 +82,7 @@ class ThrustProp(ActuatorLimits):
     units: str = "N"
 
 
-class MomentProp(ActuatorLimits):
+class MomentProp(_ActuatorLimits):
     """Moment about one axis of the body.
 
     Attributes:
@@ -100,7 +100,7 @@ class MomentProp(ActuatorLimits):
 
 
 #: The properties by the names that a configuration gives them.
-_PROPERTIES: dict[str, type[ActuatorLimits]] = {"ThrustProp": ThrustProp, "MomentProp": MomentProp}
+_PROPERTIES: dict[str, type[_ActuatorLimits]] = {"ThrustProp": ThrustProp, "MomentProp": MomentProp}
 
 
 class RateController(Controller):
@@ -128,7 +128,7 @@ class RateController(Controller):
         return self
 
     @cached_property
-    def commanded(self) -> ActuatorLimits:
+    def commanded(self) -> _ActuatorLimits:
         """The property that is commanded.
 
         Raises:

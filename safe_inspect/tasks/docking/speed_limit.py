@@ -61,6 +61,10 @@ class SpeedLimit(Plugin):
         sign = -1.0 if self.lower_bound else 1.0
         return np.array([self.velocity_threshold, self.threshold_distance, self.slope * n, sign])
 
+    def region_rule(self, world: World, radius: float, along_step: bool) -> FloatArray:
+        """Return the rule of `docking_outcome` for a region with a radius [m]; see `DockingRegion.rule`."""
+        return np.concatenate([self.limit_line(world), [radius, world.step_size if along_step else 0.0]])
+
 
 class ReferenceSensors(Plugin):
     """Fields of the plugins that measure a deputy's motion relative to a reference.
@@ -94,16 +98,11 @@ class DockingRegion(ReferenceSensors, SpeedLimit):
 
     def rule(self, world: World) -> FloatArray:
         """Return the parameters of the speed limit, the radius [m], and the length of the step [s] or 0; shape (6,)."""
-        return region_rule(self, world, self.docking_region_radius, self.along_step)
+        return self.region_rule(world, self.docking_region_radius, self.along_step)
 
     def inputs(self) -> tuple[RowInput, ...]:
         """Return the inputs of `docking_outcome` after the rule."""
         return *own_motion(before=True), *own_motion(), *self.reference_inputs()
-
-
-def region_rule(limit: SpeedLimit, world: World, radius: float, along_step: bool) -> FloatArray:
-    """Return the rule for `docking_outcome`; see `DockingRegion.rule`."""
-    return np.concatenate([limit.limit_line(world), [radius, world.step_size if along_step else 0.0]])
 
 
 def own_motion(before: bool = False) -> tuple[RowInput, RowInput]:
