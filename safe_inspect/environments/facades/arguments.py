@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from safe_inspect.errors import ArgumentError, did_you_mean
+from safe_inspect.errors import ArgumentError, SafeInspectError, did_you_mean
 from safe_inspect.types import AnyArray, IntArray
 
 #: Largest first slot, so that all slots of a batch fit in 64 bits.
@@ -66,11 +66,12 @@ def check_options(options: Mapping[str, Any] | None, known: Collection[str] = ()
         raise ArgumentError(f"reset: the options {unknown} are unknown; {taken}")
 
 
-def masked_rows(options: Mapping[str, Any] | None, num_envs: int, seed: int | None) -> IntArray | None:
+def masked_rows(options: Mapping[str, Any] | None, num_envs: int, seed: int | None, begun: bool) -> IntArray | None:
     """Return the indices of the environments that ``options["reset_mask"]`` selects; None without a mask.
 
     Raises:
         ArgumentError: An option is unknown, the mask is not bool of shape (N,), or both a mask and a seed are given.
+        SafeInspectError: No episode has begun.
     """
     check_options(options, (_MASK,))
     mask = (options or {}).get(_MASK)
@@ -84,6 +85,8 @@ def masked_rows(options: Mapping[str, Any] | None, num_envs: int, seed: int | No
             f"reset: `reset_mask` has the shape {mask.shape} and the type {mask.dtype}; "
             f"give one bool for each environment, shape ({num_envs},)"
         )
+    if not begun:
+        raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
     return np.flatnonzero(mask)
 
 

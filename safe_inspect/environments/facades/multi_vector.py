@@ -116,7 +116,7 @@ class MultiAgentVectorEnv:
                 given.
             SafeInspectError: A mask is given before the first reset.
         """
-        rows = masked_rows(options, self.num_envs, seed)
+        rows = masked_rows(options, self.num_envs, seed, bool(self._observations))
         if rows is None:
             if seed is None and self.np_random_seed is None:
                 seed = secrets.randbits(64) if self._seed is None else self._seed
@@ -124,8 +124,6 @@ class MultiAgentVectorEnv:
                 self.np_random_seed = checked_seed(seed)
             self._observations = list(self.core.reset(seed=seed))
             self._over = np.zeros(self.num_envs, dtype=np.bool_)
-        elif not self._observations:
-            raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
         return self._controlled.split(self._observations), self._now()

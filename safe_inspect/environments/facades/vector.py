@@ -100,7 +100,7 @@ class InspectionVectorEnv(Rendered, gymnasium.vector.VectorEnv[Observation, Obse
             SafeInspectError: A mask is given before the first reset.
         """
         one = _one(seed, self.num_envs)
-        rows = masked_rows(options, self.num_envs, one)
+        rows = masked_rows(options, self.num_envs, one, self._begun)
         if rows is None:
             if one is None and not self._begun:
                 one = secrets.randbits(64) if self._seed is None else self._seed
@@ -110,8 +110,6 @@ class InspectionVectorEnv(Rendered, gymnasium.vector.VectorEnv[Observation, Obse
             self._begun, self._closed = True, False
             if self._view is not None:
                 self._view.begin()
-        elif not self._begun:
-            raise SafeInspectError("no episode has begun; call reset() without a reset_mask first")
         else:
             self._begin(rows)
         began = self._everyone if rows is None else np.isin(np.arange(self.num_envs), rows)
