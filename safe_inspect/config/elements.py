@@ -207,7 +207,7 @@ def raw_task(spec: EnvironmentSpec, agents: Iterable[str] | None) -> Environment
     Raises:
         SafeInspectError: There is no such agent.
     """
-    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    outside = [agent.name for agent in spec.controlled]
     chosen = outside if agents is None else list(agents)
     for name in chosen:
         if name not in outside:

@@ -45,8 +45,9 @@ def flight_note(experiment: Experiment) -> str:
 
 def _unfit_actions(experiment: Experiment) -> list[Problem]:
     """Return the mistake of an algorithm that does not support the actions of the task, with a hint."""
-    agents = [agent for agent in experiment.spec.agents if agent.scripted_policy is None]
-    leaves = [(leaf, agent) for agent in agents for glue in agent.action_glues for leaf in glue.leaves()]
+    leaves = [
+        (leaf, agent) for agent in experiment.spec.controlled for glue in agent.action_glues for leaf in glue.leaves()
+    ]
     counts = [count for leaf, agent in leaves for count in leaf.choices(agent.parts)]
     levels = any(counts)
     actions = "discrete, one level for each controller" if all(counts) else "real numbers"

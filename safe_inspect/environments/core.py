@@ -86,7 +86,7 @@ def require_one_agent(spec: EnvironmentSpec, taker: str, instead: str) -> None:
     Raises:
         SafeInspectError: No agent or several agents are controlled.
     """
-    names = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    names = [agent.name for agent in spec.controlled]
     if len(names) != 1:
         listed = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "") or "none"
         raise SafeInspectError(

@@ -97,8 +97,8 @@ class OnnxPolicy:
         """
         chosen = None if agents is None else list(agents)
         raw = raw_task(spec, chosen)
-        for agent in spec.agents:
-            if agent.scripted_policy is None and (chosen is None or agent.name in chosen):
+        for agent in spec.controlled:
+            if chosen is None or agent.name in chosen:
                 check_layout(self.path, self.info, agent)
         return raw
 

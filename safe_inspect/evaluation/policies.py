@@ -135,7 +135,7 @@ def assign(spec: EnvironmentSpec, policies: Policies) -> tuple[EnvironmentSpec, 
         raise ArgumentError(
             f"a task must be an EnvironmentSpec, got {spec!r:.60}; `load_spec` returns that of a file or an id"
         )
-    outside = [agent.name for agent in spec.agents if agent.scripted_policy is None]
+    outside = [agent.name for agent in spec.controlled]
     if not isinstance(policies, Mapping):
         policies = dict.fromkeys(outside, policies)
     for name in policies:
