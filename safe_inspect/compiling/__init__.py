@@ -3,7 +3,6 @@
 from safe_inspect.compiling.kernel import (
     BORROWING,
     COMPILING_NOTE,
-    Generated,
     Kernel,
     announce_compiling,
     compiling_seconds,
@@ -14,7 +13,6 @@ from safe_inspect.compiling.kernel import (
 __all__ = [
     "BORROWING",
     "COMPILING_NOTE",
-    "Generated",
     "Kernel",
     "announce_compiling",
     "compiling_seconds",

@@ -35,8 +35,6 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, installed_folder, machine_code_folder
 
-__all__ = ["BORROWING", "Kernel", "njit"]
-
 #: Options of ``@njit`` for functions that neither create nor return arrays. They do not count references to the arrays
 #: that are passed to them, because their caller holds references; otherwise Numba changes a counter, atomically, for
 #: each array of a tuple. Numba does not document ``_nrt``. Without it the safety filter takes 1.2 times as long for a
@@ -62,14 +60,17 @@ class Kernel(Generic[P, R]):
     Args:
         function: The function.
         options: Options of `numba.njit`.
+        origin: The arguments of `generate` from which the function was made, if it was.
     """
 
     __wrapped__: Callable[P, R]
     __qualname__: str
 
-    def __init__(self, function: Callable[P, R], options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, function: Callable[P, R], options: Mapping[str, Any], origin: tuple[Any, ...] | None = None
+    ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
-        self._function, self._options = function, options
+        self._function, self._options, self.origin = function, options, origin
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Call the compiled function."""
@@ -77,7 +78,9 @@ class Kernel(Generic[P, R]):
         return result
 
     def __reduce__(self) -> Any:
-        """Pickle the kernel by its name in its module, or as its function if other processes lack the module."""
+        """Pickle the kernel by its name in its module, or what it is made from if other processes lack the module."""
+        if self.origin is not None:
+            return generate, self.origin
         name: str = self._function.__qualname__
         if "<locals>" in name or self._function.__module__ == "__main__":
             return Kernel, (self._function, self._options)
@@ -90,13 +93,18 @@ class Kernel(Generic[P, R]):
     @functools.cached_property
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function, for calls from Python."""
-        return cached(functools.partial(_compile, {**self._options, "no_cfunc_wrapper": True}), self)
+        return self._compiled({"no_cfunc_wrapper": True})
 
     @functools.cached_property
     def part(self) -> Any:
         """Numba's dispatcher of the function, for calls from other kernels: without wrappers for Python and C."""
-        options = {**self._options, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-        return cached(functools.partial(_compile, options), self, "called")
+        return self._compiled({"no_cfunc_wrapper": True, "no_cpython_wrapper": True}, "called")
+
+    def _compiled(self, wrappers: Mapping[str, bool], use: str = "") -> Any:
+        import numba
+
+        options = {**self._options, **wrappers}
+        return cached(lambda function, cache: numba.njit(cache=cache, **options)(function), self, use)
 
 
 @overload
@@ -124,12 +132,6 @@ def announce_compiling() -> None:
 def compiling_seconds() -> float:
     """Return the total time that this process has waited for the compiler [s]."""
     return _spent[0]
-
-
-def _compile(options: Mapping[str, Any], function: Any, cache: bool) -> Any:
-    import numba
-
-    return numba.njit(cache=cache, **options)(function)
 
 
 @functools.cache
@@ -255,27 +257,17 @@ def _in_package(source: str) -> bool:
     return Path(source).is_relative_to(PACKAGE) and "__pycache__" not in source
 
 
-_functions: dict[str, Generated] = {}
-
-
-class Generated(Kernel[..., Any]):
-    """A kernel with generated source. A copy in another process is generated again."""
-
-    origin: tuple[str, str, Mapping[str, Kernel[..., Any]], Mapping[str, Any]]
-
-    def __reduce__(self) -> Any:
-        """Pickle the arguments from which the kernel is generated."""
-        return generate, self.origin
+_functions: dict[str, Kernel[..., Any]] = {}
 
 
 def generate(
     name: str, source: str, kernels: Mapping[str, Kernel[..., Any]], options: Mapping[str, Any] | None = None
-) -> Generated:
+) -> Kernel[..., Any]:
     """Return a function with generated source as a `Kernel`; the same source and kernels give the same object.
 
     The source is written to a file, so that the machine code can be cached on disk. The name of the file contains a
     digest of the source and of every file that defines one of the kernels, or a kernel that these call, so that the
-    cache cannot be out of date.
+    cache cannot be out of date. A copy in another process is generated again.
 
     Args:
         name: Name of the function that the source defines.
@@ -297,8 +289,8 @@ def generate(
         vars(module).update(kernels)
         sys.modules[spec.name] = module  # cached machine code imports its module
         spec.loader.exec_module(module)
-        made = _functions[key] = Generated(getattr(module, name), options or {})
-        made.origin = (name, source, kernels, options or {})
+        given = options or {}
+        _functions[key] = Kernel(getattr(module, name), given, (name, source, kernels, given))
     return _functions[key]
 
 
