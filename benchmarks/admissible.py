@@ -38,7 +38,7 @@ def _of_one(m: Any, position: Any, velocity: Any, sun_angle: Any, control: Any, 
     s = workspace(as_int(1))
     for i in range(position.shape[0]):
         x, sun = row_state(position[i], velocity[i]), (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        found[i] = verified(m, x, sun, control[i], as_int(NO_PLAN), as_int(PLANS), s)[1] != NO_PLAN
+        found[i] = verified(m, x, sun, control[i], as_int(NO_PLAN), s)[1] != NO_PLAN
 
 
 @njit(error_model="numpy")
@@ -50,4 +50,4 @@ def _of_teams(
     for row in range(position.shape[0]):
         enter(g.one, position[row], velocity[row], control[row], fixed[row], none, plans, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
-        found[row] = tested(g, sun, t.desired, MARGINS, as_int(PLANS), as_int(2), False, t, s)[0] == PASSED
+        found[row] = tested(g, sun, t.desired, MARGINS, as_int(PLANS), False, t, s)[0] == PASSED

@@ -197,8 +197,7 @@ def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: Float
 
 @njit(**BORROWING)
 def find_plan(
-    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, most: int, u: FloatArray,
-    s: Workspace,
+    m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, effort: float, first: int, u: FloatArray, s: Workspace
 ) -> int:  # fmt: skip
     """Write the first thrust of a safe plan and return its index or SEVERAL; NO_PLAN if there is none.
 
@@ -209,13 +208,13 @@ def find_plan(
         margins: Margins of the constraints.
         effort: Size of the thrust before the plan [N]; negative if there is none. See `try_plan`.
         first: A plan to try before the others, or NO_PLAN.
-        most: Number of plans of `ORDER` to try: PLANS for a search that finds a plan if there is one.
         u: Receives the thrust [N], shape (3,).
         s: Workspace.
     """
     if first == SEVERAL and _lead(m, x, sun, margins, u, s):
         return SEVERAL
-    index: int = _of_one_hold(m, x, sun, margins, effort, as_int(NO_PLAN) if first == SEVERAL else first, most, u, s)
+    known = as_int(NO_PLAN) if first == SEVERAL else first
+    index: int = _of_one_hold(m, x, sun, margins, effort, known, as_int(PLANS), u, s)
     if index != NO_PLAN or first == SEVERAL or m.leads == 0:
         return index
     return SEVERAL if _lead(m, x, sun, margins, u, s) else NO_PLAN

@@ -9,7 +9,7 @@ from safe_inspect.dynamics.cwh import RowState, row_state
 from safe_inspect.rta.backup.cuts import add, cut_near, support
 from safe_inspect.rta.backup.half_spaces import further_slack
 from safe_inspect.rta.backup.holds import held, turned
-from safe_inspect.rta.backup.model import FURTHER, HOLD_PIECES, PLANS, FilterModel
+from safe_inspect.rta.backup.model import FURTHER, HOLD_PIECES, FilterModel
 from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan
 from safe_inspect.rta.backup.search import MARGINS, ROUNDS, propose, search
 from safe_inspect.rta.backup.sequences import bits_of, gap_of, least_allowed_speed, turn_of
@@ -130,7 +130,7 @@ def _first_plan(m: FilterModel, x: RowState, sun: SunAngle, s: Workspace) -> boo
     """
     for half in range(2):
         margins, first = scaled(MARGINS, 1.0 - 0.5 * half), as_int(STAY if half else NO_PLAN)
-        if find_plan(m, x, sun, margins, NO_HOLD, first, as_int(PLANS), s.backup, s) != NO_PLAN:
+        if find_plan(m, x, sun, margins, NO_HOLD, first, s.backup, s) != NO_PLAN:
             return True
     return False
 
@@ -191,7 +191,7 @@ def recoverable_rows(
     for i in range(position.shape[0]):
         x = row_state(position[i], velocity[i])
         sun = (math.cos(sun_angle[i]), math.sin(sun_angle[i]))
-        plan = find_plan(m, x, sun, scaled(MARGINS, share), NO_HOLD, as_int(STAY), as_int(PLANS), control[i], s)
+        plan = find_plan(m, x, sun, scaled(MARGINS, share), NO_HOLD, as_int(STAY), control[i], s)
         out[i] = plan != NO_PLAN
         if not out[i]:
             for axis in range(3):

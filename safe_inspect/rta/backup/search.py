@@ -17,7 +17,7 @@ from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold, tightest
 from safe_inspect.rta.backup.holds import held, hold, turned
-from safe_inspect.rta.backup.model import HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
+from safe_inspect.rta.backup.model import HOLD, HOLD_PIECES, PLAN, FilterModel
 from safe_inspect.rta.backup.plans import NO_PLAN, STAY, find_plan, size_of
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.tracking import widened
@@ -60,7 +60,7 @@ def squared(a: FloatArray, b: FloatArray) -> float:
 
 @njit(**BORROWING)
 def verified(
-    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, most: int, s: Workspace
+    m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, first: int, s: Workspace
 ) -> tuple[int, int]:  # fmt: skip
     """Return the constraint that rejects the hold of u, or SAFE, and a plan for the state after it, or NO_PLAN."""
     effort = size_of(u)
@@ -68,7 +68,7 @@ def verified(
     if code != SAFE:
         return code, NO_PLAN
     after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    return SAFE, find_plan(m, after, later, MARGINS, effort, first, most, s.w, s)
+    return SAFE, find_plan(m, after, later, MARGINS, effort, first, s.w, s)
 
 
 @njit(**BORROWING)
@@ -99,7 +99,7 @@ def propose(
     for axis in range(3):
         s.desired[axis] = min(max(desired[axis], -m.u_max), m.u_max)
         u[axis] = s.desired[axis]
-    code, plan = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)
+    code, plan = verified(m, x, sun, u, as_int(NO_PLAN), s)
     if plan != NO_PLAN:
         return 0, True
     bits, count, piece = 0, as_int(0), s.where[0]
@@ -124,7 +124,7 @@ def propose(
             count = cut_end(m, x, sun, u, as_int(CONVEX), scaled(margins, 0.75), s, count)[0]
             if count == before:
                 break
-        code, plan = verified(m, x, sun, u, as_int(NO_PLAN), as_int(PLANS), s)
+        code, plan = verified(m, x, sun, u, as_int(NO_PLAN), s)
         if plan != NO_PLAN:
             return bits, True
         piece = s.where[0]
@@ -134,7 +134,7 @@ def propose(
 @njit(**BORROWING)
 def _take(m: FilterModel, x: RowState, sun: SunAngle, plan: int, s: Workspace) -> int:
     """Copy `s.trial` to the best control if it is verified; return the plan after it, or NO_PLAN."""
-    found = verified(m, x, sun, s.trial, plan, as_int(PLANS), s)[1]
+    found = verified(m, x, sun, s.trial, plan, s)[1]
     if found != NO_PLAN:
         copy(s.trial, s.best)
         copy(s.w, s.plan)

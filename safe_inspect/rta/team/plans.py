@@ -93,6 +93,8 @@ PASSED, UNSAFE_HOLD, NO_JOINT_PLAN = range(3)
 #: Value if all deputies have a plan; otherwise, the index of the one that has none.
 FOUND = -1
 _UNKNOWN, _GOOD, _BAD = range(3)
+#: Number of times that the deputies choose their plans after a proposal.
+_TURNS = 2
 #: Stride of the fine nodes of an orbit at which the distances of pairs are compared.
 _STRIDE = 4
 
@@ -189,13 +191,12 @@ def _fits(
 
 @njit(**BORROWING)
 def joint_plan(
-    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, turns: int, now: bool, t: TeamWorkspace,
-    s: Workspace,
+    g: TeamModel, x: FloatArray, sun: SunAngle, margins: Margins, most: int, now: bool, t: TeamWorkspace, s: Workspace
 ) -> tuple[int, bool]:  # fmt: skip
     """Search for a joint plan from states x, the present ones if `now`, with the hints first; write it to `t.plan`.
 
     One deputy after another takes the first plan that is safe and apart from the plans before it. A deputy that finds
-    none is moved to the front of the order, and all choose again, at most `turns` times.
+    none is moved to the front of the order, and all choose again, at most `_TURNS` times, or D + 2 times if `now`.
 
     Returns:
         The deputy that found no plan, or FOUND, and whether it has none even alone.
@@ -208,7 +209,7 @@ def joint_plan(
     while head < deputies and t.fixed[head]:
         head += 1
     stuck = FOUND
-    for _ in range(turns):
+    for _ in range(deputies + 2 if now else _TURNS):
         stuck = FOUND
         for place in range(head, deputies):
             i, chosen = t.line[place], NO_PLAN
@@ -239,8 +240,8 @@ def joint_plan(
 
 @njit(**BORROWING)
 def tested(
-    g: TeamModel, sun: SunAngle, control: FloatArray, margins: Margins, most: int, turns: int, whole: bool,
-    t: TeamWorkspace, s: Workspace,
+    g: TeamModel, sun: SunAngle, control: FloatArray, margins: Margins, most: int, whole: bool, t: TeamWorkspace,
+    s: Workspace,
 ) -> tuple[int, int, bool]:  # fmt: skip
     """Test a joint control exactly: its hold, for each deputy and each pair, and a joint plan after it.
 
@@ -250,7 +251,6 @@ def tested(
         control: The thrusts [N], shape (3 D,).
         margins: Margins of the constraints.
         most: Number of plans of each deputy to try.
-        turns: Number of times that deputies may choose.
         whole: True: write the result for every deputy and pair; False: stop at the first violation.
         t: Workspace; the joint plan is written to `t.plan`.
         s: Workspace.
@@ -279,7 +279,7 @@ def tested(
         return UNSAFE_HOLD, FOUND, False
     _advance_team(g.one, t.x, control, t.after, t)
     later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
-    stuck, alone = joint_plan(g, t.after, later, margins, most, turns, False, t, s)
+    stuck, alone = joint_plan(g, t.after, later, margins, most, False, t, s)
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
 

@@ -30,8 +30,6 @@ _NEAR_BITS = 1 << COLLISION | 1 << PSM
 #: Margins that the half-spaces of the programme add, as multiples of `MARGINS`.
 _EXTRA = 2.0
 _ROUNDS = 6
-#: Number of times that the deputies' plans are chosen in a round.
-_TURNS = 2
 #: Largest number of rounds that end in states without a joint plan.
 _RECOVERIES = 2
 _POLISH = 4
@@ -56,7 +54,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
     copy(t.desired, t.control)
     for attempt in range(_ROUNDS):
         most = as_int(PLANS) if attempt == 0 else as_int(QUICK)
-        verdict, stuck, alone = tested(g, sun, t.control, MARGINS, most, as_int(_TURNS), True, t, s)
+        verdict, stuck, alone = tested(g, sun, t.control, MARGINS, most, True, t, s)
         if verdict == PASSED:
             return True
         first = attempt == 0 and not own_side
@@ -86,7 +84,7 @@ def _better(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
     """Make `t.trial` the best control if it is nearer to the desired one and passes the test; return whether it is."""
     if not squared(t.trial, t.desired) < squared(t.best, t.desired):
         return False
-    if tested(g, sun, t.trial, MARGINS, as_int(_FEW), as_int(_TURNS), False, t, s)[0] != PASSED:
+    if tested(g, sun, t.trial, MARGINS, as_int(_FEW), False, t, s)[0] != PASSED:
         return False
     copy(t.trial, t.best)
     copy(t.plan, t.kept)
@@ -143,7 +141,7 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
     """
     for half in range(2):
         margins = scaled(MARGINS, 1.0 - 0.5 * half)
-        stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
+        stuck, _ = joint_plan(g, t.x, sun, margins, as_int(PLANS), True, t, s)
         if stuck == FOUND:
             for i in range(t.x.shape[0]):
                 copy(t.thrust[i, t.plan[i]], t.backup[3 * i : 3 * i + 3])
@@ -229,7 +227,7 @@ def plan_team_rows(
     for row in range(position.shape[0]):
         enter(g.one, position[row], velocity[row], control[row], fixed[row], memory[row], plans, t)
         sun = (math.cos(sun_angle[row]), math.sin(sun_angle[row]))
-        stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), t.x.shape[0] + 2, True, t, s)
+        stuck, _ = joint_plan(g, t.x, sun, MARGINS, as_int(PLANS), True, t, s)
         out[row] = stuck == FOUND
         for place in range(t.x.shape[0]):
             i = t.order[place]
