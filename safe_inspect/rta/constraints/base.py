@@ -127,7 +127,8 @@ class ConstraintValues:
 class Constraint(Plugin):
     """Base class of the safety constraints.
 
-    A filter keeps the state in the set h >= 0 by choosing the control u such that
+    A state satisfies the constraint where the *safety quantity* phi is >= 0, and can be kept so where the *barrier
+    function* h is >= 0. The filter ``continuous`` chooses the control u such that the state stays in the set h >= 0:
 
         gradient . (drift + input u) + rate + alpha(h + bias) >= 0,   alpha(s) = alpha_linear s + alpha_cubic s^3.
 
@@ -135,8 +136,9 @@ class Constraint(Plugin):
     built from a task's parameters. Row i of every result depends only on row i of the state, and is finite for every
     finite state whose squares do not overflow.
 
-    For the filter ``backup`` and the team filter, which certify whole holds (periods of constant thrust), a subclass
-    also defines `half_space`, a static method that the filter compiles::
+    A *guarantee* is that phi >= 0 at every moment. Only the filters that certify whole holds (periods of constant
+    thrust) give it: ``backup`` and the filter of a team. They do not use h; for them, a subclass also defines
+    `half_space`, a static method that the filter compiles::
 
         @staticmethod
         def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)

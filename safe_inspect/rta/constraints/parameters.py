@@ -149,7 +149,7 @@ class ConstraintParameters(TaskParameters):
 
     @property
     def net_acceleration(self) -> float:
-        """Deceleration that the thrusters guarantee in any direction, up to the largest allowed speed v [m/s^2].
+        """Deceleration that the thrusters can give in any direction, up to the largest allowed speed v [m/s^2].
 
         It is the acceleration of the thrust minus the largest tidal and Coriolis accelerations:
         u_max / m - 3 n^2 r_max - 2 n v.
@@ -159,7 +159,7 @@ class ConstraintParameters(TaskParameters):
 
     @property
     def max_acceleration(self) -> float:
-        """Deceleration that the barriers h assume: `net_acceleration` [m/s^2].
+        """Deceleration that the barrier functions h assume: `net_acceleration` [m/s^2].
 
         Where that is not positive, it is the acceleration of the thrusters alone, as near the chief; then no filter
         can enforce such an h.

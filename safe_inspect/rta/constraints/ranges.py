@@ -90,7 +90,7 @@ class ChiefCollision(Constraint, name="chief_collision"):
 
     Attributes:
         collision_radius: Smallest allowed range r_c [m].
-        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
     """
 
     unit: ClassVar[str] = "m"
@@ -168,11 +168,11 @@ class MaximumRange(Constraint, name="r_max"):
     """Constraint that the deputy can stop before r_max: h = sqrt(2 a (r_max - r)) - p.v / r, phi = r_max - r.
 
     Beyond the largest range, the root is -sqrt(2 a |r_max - r|). Singular points are treated as in `ChiefCollision`.
-    The guaranteed deceleration a does not include the centrifugal acceleration |v_across|^2 / r.
+    The deceleration a does not include the centrifugal acceleration |v_across|^2 / r.
 
     Attributes:
         r_max: Largest allowed range [m].
-        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
     """
 
     unit: ClassVar[str] = "m"
@@ -307,7 +307,7 @@ class DeputyCollision(PairConstraint, name="deputy_collision"):
 
     Attributes:
         deputy_radius: Radius r_d about each deputy [m].
-        max_acceleration: Deceleration a that each deputy guarantees [m/s^2].
+        max_acceleration: Deceleration a that each deputy can give [m/s^2].
     """
 
     from_task: ClassVar[Mapping[str, str]] = {"max_acceleration": "max_acceleration"}

@@ -204,7 +204,7 @@ class SunKeepOut(Constraint, name="sun"):
 
     Attributes:
         fov: Full opening angle of the cone, 2 beta [rad].
-        max_acceleration: Deceleration a that the thrusters guarantee [m/s^2].
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
         mean_motion: Rate n of the sun angle theta [rad/s].
     """
 
