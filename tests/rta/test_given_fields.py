@@ -82,7 +82,7 @@ def test_the_tube_is_that_of_the_given_speed_limit():
 
 def test_a_team_keeps_the_distances_that_are_given():
     run = TeamFilter({}, (*NAMES, DeputyCollision(deputy_radius=8.0), DeputyPassiveSafety(horizon=300.0)))
-    pair = run._models[1]
+    pair = run._tables.pair
     assert (pair.constraints[0].near, pair.near_psm) == (16.0, 10.0)
     assert pair.coast_step * (len(pair.coast) - 1) == pytest.approx(300.0)
     assert run.pair_constraints["deputy_PSM"].deputy_radius == 5.0

@@ -77,7 +77,7 @@ def test_the_tube_of_a_task(task: str) -> None:
     run = BackupFilter(TASKS[task], NAMES, disturbance=BOUNDS)
     team = TeamFilter(TASKS[task], disturbance=BOUNDS)
     found = {"gain": run.tracker.gain, "tube": run.tube, "starting": run.starting}
-    found |= {"pairs": team._models[1].tube, "starting pairs": team._starts[1].tube}
+    found |= {"pairs": team._tables.pair.tube, "starting pairs": team._starts.pair.tube}
     holds = run.tracker.follow((1, 2))
     found["deviations"] = np.concatenate([np.concatenate(hold) for hold in (*holds[:4], holds[50], holds[-1])])
     check_record(RECORD, f"tube, {task}", found)

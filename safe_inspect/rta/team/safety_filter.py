@@ -10,7 +10,7 @@ import numpy as np
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.rta.backup.deviations import starting_tube, tube_of
-from safe_inspect.rta.backup.model import PAIR_BIT, FilterModel, build_model
+from safe_inspect.rta.backup.model import PAIR_BIT, build_model
 from safe_inspect.rta.backup.safety_filter import MEMORY, BackupFilter
 from safe_inspect.rta.base import TeamFiltered
 from safe_inspect.rta.constraints.base import Constraint, MotionBatch, RelativeState
@@ -18,10 +18,9 @@ from safe_inspect.rta.constraints.parameters import ConstraintParameters
 from safe_inspect.rta.constraints.ranges import DEPUTY_RADIUS, PairConstraint
 from safe_inspect.rta.constraints.sets import COLLISION, NAMES, PSM, constraint_set
 from safe_inspect.rta.filters import check_used, checked, compiled, differs
+from safe_inspect.rta.team.workspace import TeamModel
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
-
-_Models = tuple[FilterModel, FilterModel]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,13 +175,12 @@ class TeamFilter:
                 )
             about[other], between[other] = pair.about_other, name
         one, two = build_model(p, self.alone.constraints), build_model(p, about)
-        self._models = self._starts = one, two
+        self._tables = self._starts = TeamModel(one, two, bool(about))
         if self.alone.tracker is not None:
             tube = tube_of(two, self.alone.tracker, about)
             starting = starting_tube(two, self.alone.tracker, tube, about)
-            self._models = one._replace(tube=self.alone.tube), two._replace(tube=tube)
-            self._starts = one._replace(tube=self.alone.starting), two._replace(tube=starting)
-        self._pairs = bool(about)
+            self._tables = TeamModel(one._replace(tube=self.alone.tube), two._replace(tube=tube), bool(about))
+            self._starts = TeamModel(one._replace(tube=self.alone.starting), two._replace(tube=starting), bool(about))
         codes = {code: self.alone.names[j] for code, j in self.alone.codes.items()}
         # Without a constraint on the distance now, a plan that comes too near violates passive safety.
         for bit, code in ((PAIR_BIT, PSM), (PAIR_BIT + 1, PSM), (PAIR_BIT, COLLISION)):
@@ -229,13 +227,26 @@ class TeamFilter:
             memory={"plan": memory} | ({} if self.alone.tracker is None else {"tracks": tracked}),
         )
 
-    def plans(self, state: TeamState) -> tuple[BoolArray, FloatArray, IntArray]:
-        """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D)."""
-        return self._plans(state, self._models)
+    def plans(
+        self, state: TeamState, tables: TeamModel | None = None
+    ) -> tuple[BoolArray, FloatArray, IntArray]:  # fmt: skip
+        """Return the environments with a joint plan (N,), its thrusts [N] (N, D, 3) and its plan numbers (N, D).
+
+        Args:
+            state: The states.
+            tables: Numbers and tables of the task; by default, those of the filter.
+        """
+        shape = state.position.shape
+        out, control, memory = np.empty(len(state), np.bool_), np.zeros(shape), np.zeros(shape[:2], np.int64)
+        compiled("team.rows").plan_team_rows(
+            self._model if tables is None else self._with_further(tables),
+            (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out,
+        )  # fmt: skip
+        return out, control, memory
 
     def recoverable(self, state: TeamState) -> BoolArray:
         """Return the environments that have a joint plan, from which the filter guarantees safety, shape (N,)."""
-        return self._plans(state, self._starts)[0]
+        return self.plans(state, self._starts)[0]
 
     def looks(self, state: TeamState) -> Iterator[tuple[str, Constraint, RelativeState]]:
         """Yield each constraint's name, the constraint, and a state to test: for each deputy and each pair."""
@@ -259,17 +270,9 @@ class TeamFilter:
         return {name: least[name] for name in self.names if name in least}
 
     @property
-    def _model(self) -> Any:
-        return self._built(self._models)
+    def _model(self) -> TeamModel:
+        """Numbers and tables of the task, with the further constraints."""
+        return self._with_further(self._tables)
 
-    def _built(self, models: _Models) -> Any:
-        one, pair = models
-        return compiled("team.workspace").TeamModel(self.alone.further.into(one), pair, self._pairs)
-
-    def _plans(self, state: TeamState, models: _Models) -> tuple[BoolArray, FloatArray, IntArray]:
-        shape = state.position.shape
-        out, control, memory = np.empty(len(state), np.bool_), np.zeros(shape), np.zeros(shape[:2], np.int64)
-        compiled("team.rows").plan_team_rows(
-            self._built(models), (state.position, state.velocity, state.sun_angle), state.fixed, control, memory, out
-        )
-        return out, control, memory
+    def _with_further(self, model: TeamModel) -> TeamModel:
+        return model._replace(one=self.alone.further.into(model.one))
