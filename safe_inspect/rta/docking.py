@@ -14,11 +14,11 @@ from safe_inspect.dynamics.cwh import transition
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.rta.base import SafetyGlue, seen_motion
 from safe_inspect.rta.constraints.parameters import TaskParameters
+from safe_inspect.rta.filters import differs
 from safe_inspect.simulators.view import FilterResult, View
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength, PositiveSpeed
 
-_INTERVENTION = 0.01  # N
 _HALVINGS = 40
 
 
@@ -119,7 +119,7 @@ class SpeedLimitFilter:
             infeasible[rows] = ~self._keeps(state[rows], control[rows])
         return FilterResult(
             control=control,
-            intervening=lengths(control - desired) > _INTERVENTION,
+            intervening=differs(control, desired),
             infeasible=infeasible,
             backup=refused,
             active=refused.astype(np.int64),

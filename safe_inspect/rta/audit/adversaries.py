@@ -8,6 +8,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.simulators.view import View
+from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import FloatArray, IntArray
 
 #: The adversaries; row r of a batch has the one with index r modulo their number.
@@ -105,7 +106,7 @@ class DisturbanceAdversary:
     def _choose(self, state: RelativeState, phi: dict[str, FloatArray]) -> FloatArray:
         self._steps += 1
         inward, along = -normalised_rows(state.position), normalised_rows(state.velocity)
-        away = np.stack((-np.cos(state.sun_angle), np.sin(state.sun_angle), np.zeros(len(state))), axis=1)
+        away = -sun_directions(state.sun_angle)
         ways = {
             _RANDOM: normalised_rows(self._rng.normal(size=state.position.shape)), _STEADY: self._one_way,
             _INWARD: inward, _OUTWARD: -inward, _ALONG: along, _AGAINST: -along,

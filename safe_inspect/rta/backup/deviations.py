@@ -52,7 +52,7 @@ _HOLDS = 400
 _SETTLED = 1e-6
 
 
-class Deviations(NamedTuple):
+class _Deviations(NamedTuple):
     """Bounds on a deviation over a hold, each as multiples of (1, |u|, |v|), shape (3,).
 
     Attributes:
@@ -118,7 +118,7 @@ class PlanTracker:
             responses[name] = bound * response
         return responses
 
-    def follow(self, planned: tuple[int, ...]) -> list[Deviations]:
+    def follow(self, planned: tuple[int, ...]) -> list[_Deviations]:
         """Return the deviations in each hold.
 
         Args:
@@ -146,7 +146,7 @@ class PlanTracker:
             if hold < len(planned):
                 efforts[hold, planned[hold]] += self._share
             total += np.outer(response["thrust"][0], efforts[hold])
-            found.append(Deviations(_MORE * total[0], _MORE * total[1], _MORE * total[3]))
+            found.append(_Deviations(_MORE * total[0], _MORE * total[1], _MORE * total[3]))
         return found
 
     @property
@@ -224,7 +224,7 @@ def starting_tube(
     ]
     found = tube.copy()
     for part, deviation in ((FIRST_PLAN, (length, speed)), (FIRST_CLOSED, orbit)):
-        wider = Deviations(*(np.array([value, 0.0, 0.0]) for value in (*deviation, thrust)))
+        wider = _Deviations(*(np.array([value, 0.0, 0.0]) for value in (*deviation, thrust)))
         found[part] += _margins(model, constraints, *wider) + tube[part, :, 2:] * np.array([thrust, 0.0, 0.0])
     return found
 
