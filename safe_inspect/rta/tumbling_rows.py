@@ -8,7 +8,6 @@ moment.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from safe_inspect.compiling import njit
 from safe_inspect.dynamics.attitude.rigid_body import rotation_row
 from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.oriented_boxes import BoxArrays, box_distance
+from safe_inspect.rta.constraints.rows import size_of
 from safe_inspect.types import FloatArray, IntArray
 
 #: Rules of an escape, the first element of its four numbers; the other three are a unit vector in W. NONE: no escape;
@@ -83,12 +83,6 @@ def _turn(model: EscapeModel, attitudes: FloatArray, known: int, needed: int) ->
 
 
 @njit
-def _size(a: float, b: float, c: float) -> float:
-    """Return the length of a vector."""
-    return math.sqrt(a * a + b * b + c * c)
-
-
-@njit
 def _is_clear(model: EscapeModel, attitudes: FloatArray, first: int, state: FloatArray, push: FloatArray) -> bool:
     """Return whether a hold keeps the clearance and the largest range at every moment.
 
@@ -104,7 +98,7 @@ def _is_clear(model: EscapeModel, attitudes: FloatArray, first: int, state: Floa
         push: Acceleration [m/s^2], shape (3,).
     """
     h = model.step / model.cells
-    bend = 0.125 * h * h * _size(push[0], push[1], push[2])  # between a chord and the path
+    bend = 0.125 * h * h * size_of(push)  # between a chord and the path
     before = speed_before = range_before = rate_before = 0.0
     for k in range(model.cells + 1):
         t = k * h
@@ -114,8 +108,8 @@ def _is_clear(model: EscapeModel, attitudes: FloatArray, first: int, state: Floa
         q = attitudes[first + k]
         p = rotated_back(q, x, y, z)
         distance = box_distance(model.boxes, p[0], p[1], p[2])
-        speed = _size(state[3] + t * push[0], state[4] + t * push[1], state[5] + t * push[2])
-        reach, rate = _size(x, y, z), _size(q[4], q[5], q[6])
+        speed = size_of((state[3] + t * push[0], state[4] + t * push[1], state[5] + t * push[2]))
+        reach, rate = size_of((x, y, z)), size_of((q[4], q[5], q[6]))
         if k > 0:
             turn = max(rate, rate_before)
             turn *= 1.0 + h * turn  # |w'| <= |w|^2 without torque
@@ -139,7 +133,7 @@ def _ends(model: EscapeModel, state: FloatArray, share: float) -> bool:
         state: The state, shape (6,).
         share: Share of the tolerances for rounding: 1 when an escape is certified, 0 when it is commanded.
     """
-    reach, speed = _size(state[0], state[1], state[2]), _size(state[3], state[4], state[5])
+    reach, speed = size_of(state), size_of((state[3], state[4], state[5]))
     outward = state[0] * state[3] + state[1] * state[4] + state[2] * state[5]
     if reach < model.outside + share * _ROUNDING or outward < (share - 2.0) * _STILL:
         return False
@@ -223,7 +217,7 @@ def _find(model: EscapeModel, scratch: _Scratch, known: int, start: int, state: 
     found[:] = 0.0
     found[0] = BRAKE
     known = _is_safe(model, scratch, known, start, state, found)
-    q, reach = scratch.attitudes[start * model.cells], max(_size(state[0], state[1], state[2]), 1e-9)
+    q, reach = scratch.attitudes[start * model.cells], max(size_of(state), 1e-9)
     for index in range(2 * len(model.directions)):
         if known > 0:
             break
@@ -283,7 +277,7 @@ def keep_escapes(
                 known = -known
                 stage = UNSAFE
                 escapes[r, 0] = PUSH
-                reach = _size(state[0], state[1], state[2])
+                reach = size_of(state)
                 for i in range(3):
                     escapes[r, 1 + i] = state[i] / reach if reach > 0.0 else 1.0
         _command(model, state, escapes[r], backup)

@@ -9,13 +9,12 @@ to its constraints is a piecewise smooth function of the control; it is linearis
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import closed_motion_state
 from safe_inspect.dynamics.cwh import RowState
-from safe_inspect.rta.backup.half_spaces import further_slack, half_space, needed
-from safe_inspect.rta.backup.holds import coasted, held, turned
+from safe_inspect.rta.backup.half_spaces import along, further_slack, half_space, needed
+from safe_inspect.rta.backup.holds import coasted, held, sun_after, turned
 from safe_inspect.rta.backup.model import (
     CLOSED,
     FINE_NODES,
@@ -25,26 +24,20 @@ from safe_inspect.rta.backup.model import (
     PLAN,
     FilterModel,
 )
-from safe_inspect.rta.backup.plans import ORDER, QUICK, plan_thrust, size_of
+from safe_inspect.rta.backup.plans import ORDER, QUICK, plan_thrust
 from safe_inspect.rta.backup.sequences import bits_of, least_slack, slack_of, support_of
 from safe_inspect.rta.backup.tracking import tracking_thrust, widened
 from safe_inspect.rta.backup.workspace import Workspace, as_bool, as_int
-from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, direction, node
-from safe_inspect.rta.constraints.sets import CERTIFIED, COLLISION, PSM
+from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, Node, SunAngle, direction, dot, node, size_of
+from safe_inspect.rta.constraints.sets import COLLISION, PSM
 from safe_inspect.types import FloatArray
 
 #: Bits of the constraints whose half-spaces contain every safe control, and of further constraints, for which they may.
-CONVEX = -1 << FURTHER
-for _code, _constraint in enumerate(CERTIFIED):
-    if _constraint.kernels is not None and _constraint.kernels.convex:
-        CONVEX |= 1 << _code
+CONVEX = -1 << FURTHER | bits_of("convex")
 
 
-class Refusal(NamedTuple):
-    """Code of the constraint that rejected a hold, and the piece of the hold where it did."""
-
-    code: int
-    piece: int
+#: Code of the constraint that rejected a hold, and the piece of the hold where it did.
+Refusal = tuple[int, int]
 
 
 @njit(**BORROWING)
@@ -98,22 +91,21 @@ def cut_near(
     near = m.constraints[COLLISION].closed_near
     if not near > 0.0:
         return count
-    sx, sy, sz = direction(x[0], x[1], x[2])
+    side = direction(x)
     worst, at_k, at_j = math.inf, as_int(0), as_int(0)
     last = m.coast.shape[0] if m.near_psm > 0.0 else 1
     for k in (HOLD_PIECES // 2, HOLD_PIECES):
         for j in range(0, last, 4):
-            px, py, pz = coasted(m, x, u, k, j)
-            reach = sx * px + sy * py + sz * pz if own_side else math.sqrt(px * px + py * py + pz * pz)
+            p = coasted(m, x, u, k, j)
+            reach = dot(side, p) if own_side else size_of(p)
             if reach < worst:
                 worst, at_k, at_j = reach, k, j
     if worst >= near + margins.coasting and not always:
         return count
     if not own_side:
-        sx, sy, sz = coasted(m, x, u, at_k, at_j)
-        sx, sy, sz = direction(sx, sy, sz)
+        side = direction(coasted(m, x, u, at_k, at_j))
     for i in range(6):
-        s.d[i] = sx * m.coast[at_j, 0, i] + sy * m.coast[at_j, 1, i] + sz * m.coast[at_j, 2, i]
+        s.d[i] = dot(side, m.coast[at_j, :, i])
     return int(add(m, near + margins.coasting, held(m, x, u, at_k), u, at_k, s, count))
 
 
@@ -126,7 +118,7 @@ def cut_hold(
     code, k = refusal
     if code in (PSM, COLLISION):
         return int(cut_near(m, x, u, own_side, as_bool(True), margins, s, count))
-    b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
+    b, sun_b = held(m, x, u, k), sun_after(m, sun, k)
     need = support(m, code, node(b, sun_b), margins, s.d)
     return int(add(m, need, b, u, k, s, count))
 
@@ -141,14 +133,13 @@ def cut_end(
         The new count, and the bits of the constraints that are violated.
     """
     k, bits = as_int(HOLD_PIECES), 0
-    b, sun_b = held(m, x, u, k), turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
-    end, d = node(b, sun_b), s.d
+    b, sun_b = held(m, x, u, k), sun_after(m, sun, k)
+    end = node(b, sun_b)
     for code in range(FURTHER + m.further):
         if not (m.active & codes) >> code & 1:
             continue
-        need = support(m, code, end, margins, d)
-        value = d[0] * b[0] + d[1] * b[1] + d[2] * b[2] + d[3] * b[3] + d[4] * b[4] + d[5] * b[5]
-        if value < need:
+        need = support(m, code, end, margins, s.d)
+        if along(s.d, b) < need:
             count = add(m, need, b, u, k, s, count)
             bits |= 1 << code
     return count, bits
@@ -176,9 +167,8 @@ def cut_broken(
 _METRES_PER_NEWTON = 100.0
 #: Bits of the constraints that are speeds.
 _SPEEDS = bits_of("allowed_speed")
-_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Step of the differences [N].
-_STEP = 1e-4
+STEP = 1e-4
 
 
 @njit(**BORROWING)
@@ -242,7 +232,7 @@ def _best_plan(m: FilterModel, after: RowState, start: SunAngle, w: FloatArray) 
 def tightest(m: FilterModel, x: RowState, sun: SunAngle, u: FloatArray, s: Workspace) -> int:
     """Return the constraint with the least slack on the best plan after a hold."""
     k = HOLD_PIECES
-    start = turned(turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1]), m.hold_sun[k, 0], m.hold_sun[k, 1])
+    start = sun_after(m, sun_after(m, sun, k), k)
     return _best_plan(m, held(m, x, u, k), start, s.w)[1]
 
 
@@ -256,9 +246,9 @@ def _after_plan(m: FilterModel, after: RowState, plan: int, w: FloatArray) -> tu
 @njit(**BORROWING)
 def _stepped_end(m: FilterModel, x: RowState, u: FloatArray, axis: int) -> RowState:
     """Return the state after the hold of a control that is stepped along an axis."""
-    u[axis] += _STEP
+    u[axis] += STEP
     end = held(m, x, u, HOLD_PIECES)
-    u[axis] -= _STEP
+    u[axis] -= STEP
     return end
 
 
@@ -273,12 +263,11 @@ def cut_recovery(
     """
     w = s.w
     effort = size_of(u)
-    sun_b = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
-    start = turned(sun_b, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    start = sun_after(m, sun_after(m, sun, HOLD_PIECES), HOLD_PIECES)
     after = held(m, x, u, HOLD_PIECES)
     plan, which = _best_plan(m, after, start, w)
     b, over = _after_plan(m, after, plan, w)
-    tube = widened(m, _NO_MARGINS, CLOSED, effort, size_of(w))
+    tube = widened(m, NO_MARGINS, CLOSED, effort, size_of(w))
     spare = margin + _METRES_PER_NEWTON * tracking_thrust(m, PLAN, effort)
     # The same after a small step of the control along each axis.
     b0, over0 = _after_plan(m, _stepped_end(m, x, u, as_int(0)), plan, w)
@@ -318,7 +307,7 @@ def _add_linear(
         return count
     here, rows = slacks[0], s.rows
     rows[count, 0], rows[count, 1], rows[count, 2] = (
-        (slacks[1] - here) / _STEP, (slacks[2] - here) / _STEP, (slacks[3] - here) / _STEP
+        (slacks[1] - here) / STEP, (slacks[2] - here) / STEP, (slacks[3] - here) / STEP
     )  # fmt: skip
     s.bounds[count] = margin - here + rows[count, 0] * u[0] + rows[count, 1] * u[1] + rows[count, 2] * u[2]
     return count + 1

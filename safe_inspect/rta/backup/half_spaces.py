@@ -22,7 +22,7 @@ from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.constraints.base import HalfSpace
-from safe_inspect.rta.constraints.rows import ArcCell, Margins, lowest
+from safe_inspect.rta.constraints.rows import ArcCell, Margins, dot, lowest, size_of
 
 _SIGNATURE = "float64(CPointer(float64), CPointer(float64), CPointer(float64))"
 #: Direction d of states, and the need.
@@ -59,28 +59,27 @@ def half_space(m: FilterModel, code: int, x: RowState) -> _Half:
     d, state = on_stack(_ZERO), on_stack(x)  # type: ignore[call-arg]
     need = call_at(read_number(entry, int64), float64, (parameters, state, d))  # type: ignore[call-arg]
     h = (d[0], d[1], d[2], d[3], d[4], d[5], need)
-    size = math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
-    if size == 0.0:
-        size = math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
+    position, velocity = _sizes(h)
+    size = velocity if position == 0.0 else position
     return h[0] / size, h[1] / size, h[2] / size, h[3] / size, h[4] / size, h[5] / size, h[6] / size
 
 
 @njit(**BORROWING)
-def along(h: _Half, x: RowState) -> float:
+def along(h: Any, x: RowState) -> float:
     """Return d.x."""
-    return h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[3] * x[3] + h[4] * x[4] + h[5] * x[5]
+    return float(h[0] * x[0] + h[1] * x[1] + h[2] * x[2] + h[3] * x[3] + h[4] * x[4] + h[5] * x[5])
 
 
 @njit(**BORROWING)
-def sizes(h: _Half) -> tuple[float, float]:
+def _sizes(h: _Half) -> tuple[float, float]:
     """Return the lengths of the position and velocity parts of d."""
-    return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]), math.sqrt(h[3] * h[3] + h[4] * h[4] + h[5] * h[5])
+    return size_of(h), size_of(h[3:])
 
 
 @njit(**BORROWING)
 def needed(h: _Half, margins: Margins) -> float:
     """Return the need with margins of positions [m] and velocities [m/s]."""
-    position, velocity = sizes(h)
+    position, velocity = _sizes(h)
     return h[6] + position * margins.length + velocity * margins.speed
 
 
@@ -88,7 +87,7 @@ def needed(h: _Half, margins: Margins) -> float:
 def further_slack(m: FilterModel, code: int, x: RowState) -> float:
     """Return the distance of a further constraint from violation [m]; a speed counts as the range of such a motion."""
     h = half_space(m, code, x)
-    position, velocity = sizes(h)
+    position, velocity = _sizes(h)
     return (along(h, x) - h[6]) / (position + velocity / m.n)
 
 
@@ -115,14 +114,12 @@ def _between(a: RowState, b: RowState) -> RowState:
 def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     """Return the code of a further constraint that the ends of a cell cannot certify, or SAFE."""
     a, b = cell.a.state, cell.b.state
-    ax, ay, az = cell.acceleration_a
-    bx, by, bz = cell.acceleration_b
     eighth, k, reach = cell.eighth, cell.k, cell.reach
     middle = _between(a, b)
     for code in range(FURTHER, FURTHER + m.further):
         h = half_space(m, code, middle)
-        position, velocity = sizes(h)
-        curve = max(h[0] * ax + h[1] * ay + h[2] * az, h[0] * bx + h[1] * by + h[2] * bz)
+        position, velocity = _sizes(h)
+        curve = max(dot(h, cell.acceleration_a), dot(h, cell.acceleration_b))
         dip = max(0.0, eighth * curve + 6.0 * k * k * reach * position / m.n + 3.0 * k * reach * velocity)
         if not lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
             return code
@@ -149,10 +146,9 @@ def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
             if not along(h, b) >= needed(h, margins):
                 return code
             h = half_space(m, code, _between(a, b))
-            position, velocity = sizes(h)
+            position, velocity = _sizes(h)
             k = 0.125 * ((end - place) * (2.0 * math.pi / FINEST)) ** 2
-            lower = min(h[0] * a[0] + h[1] * a[1] + h[2] * a[2], h[0] * b[0] + h[1] * b[1] + h[2] * b[2])
-            dip = max(0.0, k * (h[1] * centre - lower) + k * rho * (k * position + m.n * velocity))
+            dip = max(0.0, k * (h[1] * centre - min(dot(h, a), dot(h, b))) + k * rho * (k * position + m.n * velocity))
             if lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
                 a, place, span = b, end, min(2 * span, FINEST // ORBIT_CELLS)
             elif span > 1:

@@ -15,7 +15,7 @@ from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.backup.half_spaces import further_broken, further_uncertain
 from safe_inspect.rta.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.rta.backup.sequences import SAFE, broken_at, uncertain
-from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Margins, Node, SunAngle, Triple, node
+from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Margins, Node, SunAngle, Triple, dot, node, size_of
 from safe_inspect.rta.constraints.sets import PSM
 from safe_inspect.types import FloatArray, IntArray
 
@@ -30,6 +30,12 @@ def held(m: FilterModel, x: RowState, u: FloatArray, k: int) -> RowState:
 def turned(sun: SunAngle, cos: float, sin: float) -> SunAngle:
     """Return the cosine and sine of the sun angle after a rotation."""
     return sun[0] * cos - sun[1] * sin, sun[1] * cos + sun[0] * sin
+
+
+@njit(**INLINED)
+def sun_after(m: FilterModel, sun: SunAngle, k: int) -> SunAngle:
+    """Return the cosine and sine of the sun angle k / 256 of a hold later."""
+    return turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
 
 
 @njit(**BORROWING)
@@ -49,22 +55,19 @@ def arc_cell(n: float, a: Node, b: Node, w: Triple, span: float) -> ArcCell:
         w: Constant acceleration of the thrust [m/s^2].
         span: Length of the cell [s].
     """
-    ax, ay, az = _acceleration_at(n, a.state, w)
-    bx, by, bz = _acceleration_at(n, b.state, w)
-    acceleration = math.sqrt(max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz))
+    first, last = _acceleration_at(n, a.state, w), _acceleration_at(n, b.state, w)
+    acceleration = math.sqrt(max(dot(first, first), dot(last, last)))
     eighth = 0.125 * span * span
     k = n * n * eighth
     reach = (max(a.speed, b.speed) + acceleration / n) / (1.0 - 9.0 * k)
     bend = eighth * acceleration + 6.0 * k * k * reach / n
     p, q = a.state, b.state
-    ex, ey, ez = p[0] + q[0], p[1] + q[1], p[2] + q[2]
-    size = math.sqrt(ex * ex + ey * ey + ez * ez)
-    ex, ey, ez = ex / size, ey / size, ez / size
-    curve = max(ex * ax + ey * ay + ez * az, ex * bx + ey * by + ez * bz)
+    middle = p[0] + q[0], p[1] + q[1], p[2] + q[2]
+    size = size_of(middle)
+    e = middle[0] / size, middle[1] / size, middle[2] / size
     return ArcCell(
-        a, b, (ax, ay, az), (bx, by, bz), eighth, k, reach, bend, 3.0 * k * reach, max(a.range, b.range) + bend, size,
-        ex * p[0] + ey * p[1] + ez * p[2], ex * q[0] + ey * q[1] + ez * q[2],
-        max(0.0, eighth * curve + 6.0 * k * k * reach / n),
+        a, b, first, last, eighth, k, reach, bend, 3.0 * k * reach, max(a.range, b.range) + bend, size, dot(e, p),
+        dot(e, q), max(0.0, eighth * max(dot(e, first), dot(e, last)) + 6.0 * k * k * reach / n),
     )  # fmt: skip
 
 
@@ -92,7 +95,7 @@ def hold(
     work[0, 0] = HOLD_PIECES
     while top >= 0:
         end = work[top, 0]
-        b = node(held(m, x, u, end), turned(sun, m.hold_sun[end, 0], m.hold_sun[end, 1]))
+        b = node(held(m, x, u, end), sun_after(m, sun, end))
         where[0] = end
         code = broken_at(m.constraints, b, margins)
         if code == SAFE and m.further:
@@ -154,18 +157,14 @@ def coasting_bends(m: FilterModel, x: RowState, end: RowState, u: FloatArray) ->
         u: The thrust [N].
     """
     n = m.n
-    wx, wy, wz = u[0] / m.mass, u[1] / m.mass, u[2] / m.mass
-    thrust = math.sqrt(wx * wx + wy * wy + wz * wz)
-    ra = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    va = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5])
-    rb = math.sqrt(end[0] * end[0] + end[1] * end[1] + end[2] * end[2])
-    vb = math.sqrt(end[3] * end[3] + end[4] * end[4] + end[5] * end[5])
+    thrust = size_of((u[0] / m.mass, u[1] / m.mass, u[2] / m.mass))
+    range_, speed = max(size_of(x), size_of(end)), max(size_of(x[3:]), size_of(end[3:]))
     k = 0.125 * n * n * m.dt * m.dt
-    top_a = thrust + 3.0 * n * n * max(ra, rb) + 2.0 * n * max(va, vb)
-    s = (max(va, vb) + top_a / n) / (1.0 - 9.0 * k)
-    fastest = max(va, vb) + 3.0 * k * s
+    top_a = thrust + 3.0 * n * n * range_ + 2.0 * n * speed
+    s = (speed + top_a / n) / (1.0 - 9.0 * k)
+    fastest = speed + 3.0 * k * s
     hardest = top_a + 6.0 * k * n * s
-    farthest = max(ra, rb) + 0.125 * m.dt * m.dt * hardest
+    farthest = range_ + 0.125 * m.dt * m.dt * hardest
     jerk = n * (3.0 * n * fastest + 2.0 * hardest)
     bend_t = m.stretch[0] * hardest + m.stretch[1] * jerk
     coasting = n * (3.0 * n * farthest + 2.0 * fastest)
@@ -192,26 +191,20 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
             cells += 1
             p, q = coasted(m, x, u, t0, s0), coasted(m, x, u, t0, s1)
             f, g = coasted(m, x, u, t1, s0), coasted(m, x, u, t1, s1)
-            ex, ey, ez = p[0] + q[0] + f[0] + g[0], p[1] + q[1] + f[1] + g[1], p[2] + q[2] + f[2] + g[2]
-            size = math.sqrt(ex * ex + ey * ey + ez * ez)
+            e = p[0] + q[0] + f[0] + g[0], p[1] + q[1] + f[1] + g[1], p[2] + q[2] + f[2] + g[2]
+            size = size_of(e)
             if size > 0.0:
-                ex, ey, ez = ex / size, ey / size, ez / size
-            pe, qe = ex * p[0] + ey * p[1] + ez * p[2], ex * q[0] + ey * q[1] + ez * q[2]
-            fe, ge = ex * f[0] + ey * f[1] + ez * f[2], ex * g[0] + ey * g[1] + ez * g[2]
+                e = e[0] / size, e[1] / size, e[2] / size
+            pe, qe, fe, ge = dot(e, p), dot(e, q), dot(e, f), dot(e, g)
             dt, ds = (t1 - t0) * (m.dt / HOLD_PIECES), (s1 - s0) * m.coast_step
             dip_t, dip_s = 0.125 * dt * dt * bend_t, 0.125 * ds * ds * bend_s
             bend = _remains(dip_t, fe - pe, ge - qe) + _remains(dip_s, qe - pe, ge - fe)
             if min(min(pe, qe), min(fe, ge)) - bend >= reach:
                 continue
-            where[0], where[1] = t1, s1
-            if g[0] * g[0] + g[1] * g[1] + g[2] * g[2] < reach * reach:
-                return False
-            where[0], where[1] = t1, s0
-            if f[0] * f[0] + f[1] * f[1] + f[2] * f[2] < reach * reach:
-                return False
-            where[0], where[1] = t0, s1
-            if q[0] * q[0] + q[1] * q[1] + q[2] * q[2] < reach * reach:
-                return False
+            for corner, t, s in ((g, t1, s1), (f, t1, s0), (q, t0, s1)):
+                where[0], where[1] = t, s
+                if dot(corner, corner) < reach * reach:
+                    return False
             if cells > _MOST_CELLS or (t1 - t0 <= 1 and s1 - s0 <= 1):
                 where[0], where[1] = t1, s1
                 return False

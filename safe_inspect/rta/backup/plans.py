@@ -10,12 +10,10 @@ A plan is defined by two numbers, the radial and the cross-track speed after its
 
 from __future__ import annotations
 
-import math
-
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.backup.closed_motion import closed_motion, refuted
-from safe_inspect.rta.backup.holds import held, hold, turned
+from safe_inspect.rta.backup.holds import held, hold, sun_after
 from safe_inspect.rta.backup.model import (
     CLOSED,
     CROSS,
@@ -30,7 +28,7 @@ from safe_inspect.rta.backup.model import (
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.tracking import tracking_thrust, widened
 from safe_inspect.rta.backup.workspace import Workspace, as_int
-from safe_inspect.rta.constraints.rows import INLINED, Margins, SunAngle
+from safe_inspect.rta.constraints.rows import INLINED, Margins, SunAngle, size_of
 from safe_inspect.types import FloatArray
 
 NO_PLAN = -1
@@ -55,12 +53,6 @@ ORDER = (
 
 
 @njit(**BORROWING)
-def size_of(u: FloatArray) -> float:
-    """Return the length of a thrust [N], shape (3,)."""
-    return float(math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]))
-
-
-@njit(**BORROWING)
 def plan_thrust(m: FilterModel, x: RowState, index: int, u: FloatArray) -> float:
     """Write the thrust of a plan from x, which may exceed the limits; return the largest component [N].
 
@@ -82,7 +74,7 @@ def _coasted_hold(m: FilterModel, x: RowState) -> RowState:
 @njit(**INLINED)
 def _thrust(m: FilterModel, free: RowState, index: int, u: FloatArray) -> float:
     """Write the thrust of a plan, given the state after a hold without thrust; see `plan_thrust`."""
-    scale = m.n * math.sqrt(free[0] * free[0] + free[1] * free[1] + free[2] * free[2])
+    scale = m.n * size_of(free)
     a, c = index // _C, index % _C
     radial = free[3] if a == 1 else 0.5 * m.n * free[1] + scale * RADIAL[a - 1 if a > 1 else 0]
     cross = free[5] if c == 1 else scale * CROSS[c - 1 if c > 1 else 0]
@@ -137,7 +129,7 @@ def _safe(
     """Return whether a plan's thrust u is safe during the hold and at all later times."""
     first, then = _tube_parts(effort)
     size = size_of(u)
-    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    after, later = held(m, x, u, HOLD_PIECES), sun_after(m, sun, HOLD_PIECES)
     if closed_motion(m, after, later, widened(m, margins, then, effort, size), s.work, s.weak[index]) != SAFE:
         return False
     if index == STAY and still(m, u):
@@ -154,7 +146,7 @@ def try_plan(
     `effort` is the size of the thrust before it [N], on which the tube about the plan depends; negative if there is
     none.
     """
-    later = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    later = sun_after(m, sun, HOLD_PIECES)
     possible = _possible(m, _coasted_hold(m, x), later, index, margins, effort, u, s)
     return bool(possible and _safe(m, x, sun, index, margins, effort, u, s))
 
@@ -167,7 +159,7 @@ def _of_one_hold(
     """Write the thrust of a safe plan of one hold and return its index, or NO_PLAN; see `find_plan`."""
     if first != NO_PLAN and try_plan(m, x, sun, first, margins, effort, u, s):
         return first
-    free, later = _coasted_hold(m, x), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    free, later = _coasted_hold(m, x), sun_after(m, sun, HOLD_PIECES)
     for place in range(most):
         index = ORDER[place]
         if index == first or not _possible(m, free, later, index, margins, effort, u, s):
@@ -189,7 +181,7 @@ def _lead(m: FilterModel, x: RowState, sun: SunAngle, margins: Margins, u: Float
         if hold(m, x, sun, s.lead, margins, s.cells, s.at) != SAFE:
             return False
         x = held(m, x, s.lead, HOLD_PIECES)
-        sun = turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+        sun = sun_after(m, sun, HOLD_PIECES)
         if _of_one_hold(m, x, sun, margins, NO_HOLD, as_int(NO_PLAN), as_int(QUICK), s.then, s) != NO_PLAN:
             return True
     return False

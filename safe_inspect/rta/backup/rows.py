@@ -8,14 +8,14 @@ from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState, row_state
 from safe_inspect.rta.backup.cuts import add, cut_near, support
 from safe_inspect.rta.backup.half_spaces import further_slack
-from safe_inspect.rta.backup.holds import held, turned
+from safe_inspect.rta.backup.holds import held, sun_after
 from safe_inspect.rta.backup.model import FURTHER, HOLD_PIECES, FilterModel
 from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, STAY, find_plan
 from safe_inspect.rta.backup.search import MARGINS, ROUNDS, propose, search
 from safe_inspect.rta.backup.sequences import bits_of, gap_of, least_allowed_speed, turn_of
 from safe_inspect.rta.backup.tracking import begin_plan, follow_plan, plan_after, remembers, tracking
 from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, Workspace, as_bool, as_int, copy, workspace
-from safe_inspect.rta.constraints.rows import Margins, Node, SunAngle, node, scaled
+from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, Node, SunAngle, node, scaled
 from safe_inspect.rta.constraints.sets import PSM
 from safe_inspect.rta.projection import nearest
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -25,7 +25,6 @@ INSIDE = 5.0
 _ROUNDS = 5
 #: Reserve of speed [m/s].
 _SPARE = Margins(0.0, 1e-5, 0.0)
-_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Violations below this [m], [m/s] are ignored.
 _MET = 1e-6
 #: Bits of the constraints that are distances, which must grow, and of those that rotate with the sun.
@@ -70,7 +69,7 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
     k, count, bits = HOLD_PIECES, as_int(0), 0
     now = node(x, sun)
     rate = _allowed(m, now)
-    sun_b = turned(sun, m.hold_sun[k, 0], m.hold_sun[k, 1])
+    sun_b = sun_after(m, sun, k)
     for axis in range(3):
         s.trial[axis], out[axis] = 0.0, 0.0
     for _ in range(_ROUNDS):
@@ -94,7 +93,7 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
                 bits |= 1 << code
         if now.range > m.near_psm:
             psm = count
-            count = cut_near(m, x, out, as_bool(False), as_bool(False), _NO_MARGINS, s, count)
+            count = cut_near(m, x, out, as_bool(False), as_bool(False), NO_MARGINS, s, count)
             if count > psm:
                 bits |= 1 << PSM
         if count == before:

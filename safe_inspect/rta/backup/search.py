@@ -15,26 +15,27 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState
-from safe_inspect.rta.backup.cuts import CONVEX, Refusal, cut_broken, cut_end, cut_hold, tightest
-from safe_inspect.rta.backup.holds import held, hold, turned
+from safe_inspect.rta.backup.cuts import CONVEX, cut_broken, cut_end, cut_hold, tightest
+from safe_inspect.rta.backup.holds import held, hold, sun_after
 from safe_inspect.rta.backup.model import HOLD, HOLD_PIECES, PLAN, FilterModel
-from safe_inspect.rta.backup.plans import NO_PLAN, STAY, find_plan, size_of
+from safe_inspect.rta.backup.plans import NO_PLAN, STAY, find_plan
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.tracking import widened
 from safe_inspect.rta.backup.workspace import Workspace, as_bool, as_int, copy
-from safe_inspect.rta.constraints.rows import Margins, SunAngle, scaled
+from safe_inspect.rta.constraints.rows import Margins, SunAngle, scaled, size_of
 from safe_inspect.rta.projection import nearest
 from safe_inspect.types import FloatArray
 
 #: Margins that a control must leave to be accepted; a backup needs only half of them.
 MARGINS = Margins(1e-3, 1e-5, 1e-3)
 #: Margins that the half-spaces of the programme add, as multiples of `MARGINS`.
-_EXTRA = 2.0
+EXTRA = 2.0
 #: Largest number of rounds of the projection.
 ROUNDS = 6
-_POLISH = 4
+#: Largest number of solutions of the programme in a round.
+POLISH = 4
 #: A proposal that moves by less than this [N] has converged.
-_STILL = 1e-7
+STILL = 1e-7
 #: Halvings of the segment from the backup to the projection, at the start of the pattern search.
 _HALVINGS = 3
 #: First step of the search as a fraction of the distance to gain, largest step, and last step, in multiples of `u_max`.
@@ -67,14 +68,14 @@ def verified(
     code = hold(m, x, sun, u, widened(m, MARGINS, as_int(HOLD), effort, 0.0), s.cells, s.where)
     if code != SAFE:
         return code, NO_PLAN
-    after, later = held(m, x, u, HOLD_PIECES), turned(sun, m.hold_sun[HOLD_PIECES, 0], m.hold_sun[HOLD_PIECES, 1])
+    after, later = held(m, x, u, HOLD_PIECES), sun_after(m, sun, HOLD_PIECES)
     return SAFE, find_plan(m, after, later, MARGINS, effort, first, s.w, s)
 
 
 @njit(**BORROWING)
 def _wanted(m: FilterModel, u: FloatArray) -> Margins:
     """Return the margins of the programme's half-spaces: those before a plan, because a plan follows the hold."""
-    return widened(m, scaled(MARGINS, _EXTRA), as_int(PLAN), size_of(u), 0.0)
+    return widened(m, scaled(MARGINS, EXTRA), as_int(PLAN), size_of(u), 0.0)
 
 
 @njit(**BORROWING)
@@ -107,18 +108,18 @@ def propose(
     for attempt in range(rounds):
         margins, before = _wanted(m, u), count
         if code != SAFE and CONVEX >> code & 1:
-            count = cut_hold(m, x, sun, u, Refusal(code, piece), as_bool(False), margins, s, count)
+            count = cut_hold(m, x, sun, u, (code, piece), as_bool(False), margins, s, count)
         elif attempt > 0:
             break
         count = cut_end(m, x, sun, u, as_int(CONVEX), margins, s, count)[0]
         if count == before:
             break
-        for _ in range(_POLISH):
+        for _ in range(POLISH):
             if not nearest(s.rows, s.bounds, count, m.u_max, s.desired, as_bool(False), s.proposal, s.projection):
                 return bits, False
             moved = math.sqrt(squared(s.proposal, u))
             copy(s.proposal, u)
-            if moved < _STILL:
+            if moved < STILL:
                 break
             before = count
             count = cut_end(m, x, sun, u, as_int(CONVEX), scaled(margins, 0.75), s, count)[0]

@@ -19,7 +19,7 @@ SAFE = -1
 def _asked(question: str) -> dict[int, Kernel[..., Any]]:
     """Return the kernels of that name by the codes of the constraints that have one."""
     found = {code: getattr(constraint.kernels, question, None) for code, constraint in enumerate(CERTIFIED)}
-    return {code: kernel for code, kernel in found.items() if kernel is not None}
+    return {code: kernel for code, kernel in found.items() if kernel}
 
 
 def _cost(code: int) -> int:
@@ -55,7 +55,7 @@ def _least(question: str, arguments: str) -> Any:
 
 
 def bits_of(question: str) -> int:
-    """Return the bits of the codes of the constraints that have the given kernel."""
+    """Return the bits of the codes of the constraints that have the given kernel or property of `RowKernels`."""
     return sum(1 << code for code in _asked(question))
 
 

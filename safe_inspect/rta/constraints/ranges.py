@@ -25,15 +25,43 @@ from safe_inspect.rta.constraints.rows import (
     Node,
     RowKernels,
     StateArrays,
+    braking_speed,
     direction,
     lowest,
-    range_limit,
 )
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAcceleration, PositiveAngularRate, PositiveDuration, PositiveLength
 
 #: Closed motions stay at least this far from the apex of the sun cone [m], where no cell could certify them.
 APEX = 1.0
+
+
+@njit
+def _range_values(
+    state: StateArrays, limit: float, acceleration: float, side: float,
+    phi: FloatArray, h: FloatArray, gradient: FloatArray, rate: FloatArray,
+) -> None:  # fmt: skip
+    """Write phi, h and the gradient of h of a bound on the range: a lower bound for side = 1, an upper one for -1."""
+    position, velocity, _ = state
+    for i in range(position.shape[0]):
+        x, y, z = position[i]
+        vx, vy, vz = velocity[i]
+        distance = math.sqrt(x * x + y * y + z * z)
+        turning = side / distance if distance >= LENGTH_FLOOR else 0.0
+        ex, ey, ez = 1.0, 0.0, 0.0
+        if not distance < LENGTH_FLOOR:
+            ex, ey, ez = x / distance, y / distance, z / distance
+        speed = ex * vx + ey * vy + ez * vz
+        gap = side * (distance - limit)
+        root, slope = braking_speed(gap, acceleration)
+        phi[i] = gap
+        h[i] = root + side * speed
+        gradient[i, 0] = side * slope * ex + turning * (vx - speed * ex)
+        gradient[i, 1] = side * slope * ey + turning * (vy - speed * ey)
+        gradient[i, 2] = side * slope * ez + turning * (vz - speed * ez)
+        gradient[i, 3] = side * ex
+        gradient[i, 4] = side * ey
+        gradient[i, 5] = side * ez
 
 
 class _CollisionNumbers(NamedTuple):
@@ -75,7 +103,7 @@ def _near_gap(p: _CollisionNumbers, at: Node) -> float:
 
 @njit(**INLINED)
 def _near_support(p: _CollisionNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
-    d[0], d[1], d[2] = direction(at.state[0], at.state[1], at.state[2])
+    d[0], d[1], d[2] = direction(at.state)
     return p.near + margins.length
 
 
@@ -120,7 +148,7 @@ class ChiefCollision(Constraint, name="chief_collision"):
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
-        return ConstraintValues.computed(range_limit, state, self.collision_radius, self.max_acceleration, 1.0)
+        return ConstraintValues.computed(_range_values, state, self.collision_radius, self.max_acceleration, 1.0)
 
 
 #: At ranges above this fraction of v / (2 n), v the largest along-track speed, closed motions are too fast to fly:
@@ -159,7 +187,7 @@ def _far_gap(p: _MaximumRangeNumbers, at: Node) -> float:
 
 @njit(**INLINED)
 def _far_support(p: _MaximumRangeNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
-    ex, ey, ez = direction(at.state[0], at.state[1], at.state[2])
+    ex, ey, ez = direction(at.state)
     d[0], d[1], d[2] = -ex, -ey, -ez
     return margins.length - p.far
 
@@ -195,7 +223,7 @@ class MaximumRange(Constraint, name="r_max"):
 
     def evaluate(self, state: RelativeState) -> ConstraintValues:
         """Return phi [m], h [m/s] and the derivatives of h."""
-        return ConstraintValues.computed(range_limit, state, self.r_max, self.max_acceleration, -1.0)
+        return ConstraintValues.computed(_range_values, state, self.r_max, self.max_acceleration, -1.0)
 
 
 @njit

@@ -10,8 +10,6 @@ cell certify all of it, or the cell is halved. Each constraint is expressed as s
   and N is the cone's outward normal near the middle of the cell;
 * largest range and speeds: a norm is convex, so the norm of a smooth vector exceeds the chord between its ends by no
   more than the vector itself departs from its chord.
-
-`range_limit` computes phi, h and the gradient of h of a lower or upper bound on the range.
 """
 
 from __future__ import annotations
@@ -40,6 +38,9 @@ class Margins(NamedTuple):
     length: float
     speed: float
     coasting: float
+
+
+NO_MARGINS = Margins(0.0, 0.0, 0.0)
 
 
 class Node(NamedTuple):
@@ -178,10 +179,22 @@ def lowest(fa: float, fb: float, dip: float) -> float:
 
 
 @njit(**INLINED)
-def direction(x: float, y: float, z: float) -> Triple:
-    """Return the direction of a vector; +x where it is shorter than 1e-9."""
-    size = math.sqrt(x * x + y * y + z * z)
-    return (x / size, y / size, z / size) if size > 1e-9 else (1.0, 0.0, 0.0)
+def dot(a: Any, b: Any) -> float:
+    """Return the sum of the products of the first three numbers of two vectors."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit(**INLINED)
+def size_of(a: Any) -> float:
+    """Return the length of the first three numbers of a vector."""
+    return float(math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]))
+
+
+@njit(**INLINED)
+def direction(a: Any) -> Triple:
+    """Return the direction of the first three numbers of a vector; +x where it is shorter than 1e-9."""
+    size = size_of(a)
+    return (a[0] / size, a[1] / size, a[2] / size) if size > 1e-9 else (1.0, 0.0, 0.0)
 
 
 @njit(**INLINED)
@@ -194,10 +207,7 @@ def sun_axes(sun: SunAngle, x: float, y: float) -> tuple[float, float]:
 def node(x: RowState, sun: SunAngle) -> Node:
     """Return a state with the quantities that constraints compute from it."""
     along, across = sun_axes(sun, x[0], x[1])
-    return Node(
-        x, sun, math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),
-        math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]), along, across,
-    )  # fmt: skip
+    return Node(x, sun, size_of(x), size_of(x[3:]), along, across)
 
 
 #: Below this distance [m], no direction is derived from the position, because it would be rounding noise.
@@ -213,31 +223,3 @@ def braking_speed(distance: float, acceleration: float) -> tuple[float, float]:
     value = math.sqrt(2.0 * acceleration * size)
     slope = acceleration / math.sqrt(2.0 * acceleration * max(size, ROOT_FLOOR))
     return (value if distance >= 0.0 else -value), slope
-
-
-@njit
-def range_limit(
-    state: StateArrays, limit: float, acceleration: float, side: float,
-    phi: FloatArray, h: FloatArray, gradient: FloatArray, rate: FloatArray,
-) -> None:  # fmt: skip
-    """Write phi, h and the gradient of h of a bound on the range: a lower bound for side = 1, an upper one for -1."""
-    position, velocity, _ = state
-    for i in range(position.shape[0]):
-        x, y, z = position[i]
-        vx, vy, vz = velocity[i]
-        distance = math.sqrt(x * x + y * y + z * z)
-        turning = side / distance if distance >= LENGTH_FLOOR else 0.0
-        ex, ey, ez = 1.0, 0.0, 0.0
-        if not distance < LENGTH_FLOOR:
-            ex, ey, ez = x / distance, y / distance, z / distance
-        speed = ex * vx + ey * vy + ez * vz
-        gap = side * (distance - limit)
-        root, slope = braking_speed(gap, acceleration)
-        phi[i] = gap
-        h[i] = root + side * speed
-        gradient[i, 0] = side * slope * ex + turning * (vx - speed * ex)
-        gradient[i, 1] = side * slope * ey + turning * (vy - speed * ey)
-        gradient[i, 2] = side * slope * ez + turning * (vz - speed * ez)
-        gradient[i, 3] = side * ex
-        gradient[i, 4] = side * ey
-        gradient[i, 5] = side * ez

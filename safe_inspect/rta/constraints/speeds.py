@@ -37,8 +37,13 @@ class _RelativeSpeedNumbers(NamedTuple):
 
 
 @njit(**INLINED)
+def _relative_limit(p: _RelativeSpeedNumbers, at: Node) -> float:
+    return p.v0 + p.v1 * (at.range - p.d0)
+
+
+@njit(**INLINED)
 def _relative_broken(p: _RelativeSpeedNumbers, at: Any, margins: Margins) -> bool:
-    return bool(at.speed > p.v0 + p.v1 * (at.range - p.d0) - margins.speed)
+    return bool(at.speed > _relative_limit(p, at) - margins.speed)
 
 
 @njit(**INLINED)
@@ -49,22 +54,17 @@ def _relative_uncertain(p: _RelativeSpeedNumbers, cell: Any, margins: Margins) -
 
 @njit(**INLINED)
 def _relative_slack(p: _RelativeSpeedNumbers, at: Node) -> float:
-    return (p.v0 + p.v1 * (at.range - p.d0) - at.speed) / p.n
+    return float((_relative_limit(p, at) - at.speed) / p.n)
 
 
 @njit(**INLINED)
 def _relative_support(p: _RelativeSpeedNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     x = at.state
-    ex, ey, ez = direction(x[0], x[1], x[2])
-    vx, vy, vz = direction(x[3], x[4], x[5])
+    ex, ey, ez = direction(x)
+    vx, vy, vz = direction(x[3:])
     d[0], d[1], d[2] = p.v1 * ex, p.v1 * ey, p.v1 * ez
     d[3], d[4], d[5] = -vx, -vy, -vz
     return p.v1 * p.d0 - p.v0 + margins.speed
-
-
-@njit(**INLINED)
-def _relative_limit(p: _RelativeSpeedNumbers, at: Node) -> float:
-    return p.v0 + p.v1 * (at.range - p.d0)
 
 
 @njit

@@ -114,7 +114,7 @@ def _bend(p: SunNumbers, at: Node, centre: float, nk: float, nz: float) -> float
 @njit(**INLINED)
 def _support(p: SunNumbers, at: Node, margins: Margins, d: FloatArray) -> float:
     ca, sa = at.sun
-    _, ek, ez = direction(0.0, at.across, at.state[2])
+    _, ek, ez = direction((0.0, at.across, at.state[2]))
     if ek == 0.0 and ez == 0.0:
         ez = 1.0
     ek, ez = p.cos_b * ek, p.cos_b * ez
@@ -152,8 +152,8 @@ def _values(
         cos_s, sin_s = math.cos(sun_angle[i]), math.sin(sun_angle[i])
         x, y, z = position[i]
         vx, vy, vz = velocity[i]
-        pc, pk = sin_s * y - cos_s * x, -sin_s * x - cos_s * y
-        vc, vk = sin_s * vy - cos_s * vx, -sin_s * vx - cos_s * vy
+        pc, pk = sun_axes((cos_s, sin_s), x, y)
+        vc, vk = sun_axes((cos_s, sin_s), vx, vy)
         off_axis = math.sqrt(pk * pk + z * z)
         ek, ez, turning = 0.0, 1.0, 0.0
         if not off_axis < LENGTH_FLOOR:

@@ -11,23 +11,20 @@ import math
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh import RowState
-from safe_inspect.rta.backup.cuts import Refusal, cut_broken, cut_hold, cut_recovery
-from safe_inspect.rta.backup.holds import held, turned
+from safe_inspect.rta.backup.cuts import STEP, cut_broken, cut_hold, cut_recovery
+from safe_inspect.rta.backup.holds import held, sun_after
 from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_BIT, PLAN, FilterModel
-from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, plan_thrust, size_of
+from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, plan_thrust
 from safe_inspect.rta.backup.sequences import SAFE
-from safe_inspect.rta.backup.workspace import Workspace, as_int
-from safe_inspect.rta.constraints.rows import Margins, SunAngle
+from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
+from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, SunAngle, dot, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.team.plans import farthest_plans
 from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 
-_NO_MARGINS = Margins(0.0, 0.0, 0.0)
 #: Slack required of a plan at the nodes of its orbit [m], to cover the motion between them.
 _NODE_MARGIN = 0.05
-#: Step of the differences [N].
-_STEP = 1e-4
 
 
 @njit(**BORROWING)
@@ -83,7 +80,7 @@ def cut_holds(
         m, x, same_side, new = model_about(g, j), motion_about(t.x, i, j), own_side or j >= 0, as_int(0)
         wide = tube_about(g, margins, as_int(PLAN), i, j, 0.0, 0.0, t)
         if not ends:
-            new = cut_hold(m, x, sun, t.u, Refusal(t.code[k], t.at[k]), same_side, wide, s, new)
+            new = cut_hold(m, x, sun, t.u, (t.code[k], t.at[k]), same_side, wide, s, new)
         new, broken = cut_broken(m, x, sun, t.u, same_side, wide, s, new)
         count = _spread(new, i, j, count, t, s)
         if bits and j < 0:
@@ -96,12 +93,11 @@ def cut_holds(
 
 
 @njit(**BORROWING)
-def _shifted_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace) -> RowState:
+def _plan_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace) -> RowState:
     """Return the state after the hold of a deputy's last proposal, stepped along an axis, and of its plan."""
-    for k in range(3):
-        t.u[k] = t.control[3 * i + k]
+    copy(t.control[3 * i : 3 * i + 3], t.u)
     if axis >= 0:
-        t.u[axis] += _STEP
+        t.u[axis] += STEP
     after = held(m, state_of(t.x, i), t.u, HOLD_PIECES)
     if t.fixed[i]:
         for k in range(3):
@@ -116,33 +112,31 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
     """Append half-spaces that keep a pair's plans apart, at nodes of an orbit where they are not; return the count."""
     m, n = g.one, g.one.n
     one, two = size_of(t.thrust[i, t.plan[i]]), size_of(t.thrust[j, t.plan[j]])
-    wide = tube_about(g, _NO_MARGINS, as_int(CLOSED), i, j, one, two, t)
+    wide = tube_about(g, NO_MARGINS, as_int(CLOSED), i, j, one, two, t)
     reach = g.pair.constraints[COLLISION].closed_near + _NODE_MARGIN + wide.coasting
-    a, b = _shifted_end(m, i, as_int(-1), t, s), _shifted_end(m, j, as_int(-1), t, s)
-    a0, a1 = _shifted_end(m, i, as_int(0), t, s), _shifted_end(m, i, as_int(1), t, s)
-    b0, b1 = _shifted_end(m, j, as_int(0), t, s), _shifted_end(m, j, as_int(1), t, s)
-    a2, b2 = _shifted_end(m, i, as_int(2), t, s), _shifted_end(m, j, as_int(2), t, s)
+    a, b = _plan_end(m, i, as_int(-1), t, s), _plan_end(m, j, as_int(-1), t, s)
+    ends_i = _plan_end(m, i, as_int(0), t, s), _plan_end(m, i, as_int(1), t, s), _plan_end(m, i, as_int(2), t, s)
+    ends_j = _plan_end(m, j, as_int(0), t, s), _plan_end(m, j, as_int(1), t, s), _plan_end(m, j, as_int(2), t, s)
     rel = minus(a, b)
     previous, falling = math.inf, False
     for place in range(FINE_NODES + 1):
         node = place % FINE_NODES
         p = coasting_position(n, rel, place * (2.0 * math.pi / FINE_NODES), m.fine[node, 0], m.fine[node, 1])
-        here = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        here = size_of(p)
         if falling and here >= previous and previous < reach and count < t.rows.shape[0]:
             angle, cos, sin = (place - 1) * (2.0 * math.pi / FINE_NODES), m.fine[place - 1, 0], m.fine[place - 1, 1]
             p = coasting_position(n, rel, angle, cos, sin)
-            size = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) + 1e-9
+            size = size_of(p) + 1e-9
             p = p[0] / size, p[1] / size, p[2] / size
             for k in range(t.rows.shape[1]):
                 t.rows[count, k] = 0.0
             for axis in range(3):
-                da = minus(a0 if axis == 0 else (a1 if axis == 1 else a2), a)
-                db = minus(b0 if axis == 0 else (b1 if axis == 1 else b2), b)
-                pa, pb = coasting_position(n, da, angle, cos, sin), coasting_position(n, db, angle, cos, sin)
+                pa = coasting_position(n, minus(ends_i[axis], a), angle, cos, sin)
+                pb = coasting_position(n, minus(ends_j[axis], b), angle, cos, sin)
                 if not t.fixed[i]:
-                    t.rows[count, 3 * i + axis] = (p[0] * pa[0] + p[1] * pa[1] + p[2] * pa[2]) / _STEP
+                    t.rows[count, 3 * i + axis] = dot(p, pa) / STEP
                 if not t.fixed[j]:
-                    t.rows[count, 3 * j + axis] = -(p[0] * pb[0] + p[1] * pb[1] + p[2] * pb[2]) / _STEP
+                    t.rows[count, 3 * j + axis] = -dot(p, pb) / STEP
             length, value = 0.0, reach - previous
             for k in range(t.rows.shape[1]):
                 length += t.rows[count, k] ** 2
@@ -183,7 +177,7 @@ def cut_plans(
         if bits:
             t.bits[stuck] |= 1 << code
         return int(_spread(new, stuck, as_int(-1), count, t, s))
-    later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
+    later = sun_after(g.one, sun, HOLD_PIECES)
     if bits:
         t.bits[stuck] |= 1 << PAIR_BIT
     farthest_plans(g, t.after, later, margins, as_int(QUICK), t, s)

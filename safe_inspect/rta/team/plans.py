@@ -13,12 +13,12 @@ from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.coasting import coasting_position
 from safe_inspect.dynamics.cwh import RowState
 from safe_inspect.rta.backup.closed_motion import closed_motion
-from safe_inspect.rta.backup.holds import held, hold, turned
+from safe_inspect.rta.backup.holds import held, hold, sun_after
 from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
-from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, size_of, still, try_plan
+from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, still, try_plan
 from safe_inspect.rta.backup.sequences import SAFE
-from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
-from safe_inspect.rta.constraints.rows import Margins, SunAngle, lowest
+from safe_inspect.rta.backup.workspace import Workspace, as_int
+from safe_inspect.rta.constraints.rows import Margins, SunAngle, dot, lowest, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
@@ -54,7 +54,7 @@ def apart(n: float, x: RowState, reach: float) -> bool:
     fastest = abs(drift) + rho
     a, angle, span = (x[0], x[1], x[2]), 0.0, _CELL
     while True:
-        r = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+        r = size_of(a)
         if r < reach:
             return False
         middle = centre + drift * angle
@@ -70,17 +70,16 @@ def apart(n: float, x: RowState, reach: float) -> bool:
         while True:
             end = angle + span
             b = coasting_position(n, x, end, math.cos(end), math.sin(end))
-            ex, ey, ez = a[0] + b[0], a[1] + b[1], a[2] + b[2]
-            size = math.sqrt(ex * ex + ey * ey + ez * ez)
+            e = a[0] + b[0], a[1] + b[1], a[2] + b[2]
+            size = size_of(e)
             if size <= 0.0:
                 return False
-            ex, ey, ez = ex / size, ey / size, ez / size
-            fa, fb = ex * a[0] + ey * a[1] + ez * a[2], ex * b[0] + ey * b[1] + ez * b[2]
-            k = 0.125 * span * span
-            bend = max(ex * level + ey * middle - fa, ex * level + ey * (centre + drift * end) - fb)
+            e = e[0] / size, e[1] / size, e[2] / size
+            fa, fb, k = dot(e, a), dot(e, b), 0.125 * span * span
+            bend = max(e[0] * level + e[1] * middle - fa, e[0] * level + e[1] * (centre + drift * end) - fb)
             if lowest(fa, fb, max(0.0, k * bend + k * k * rho)) >= reach:
                 break
-            if span <= _FINEST or b[0] * b[0] + b[1] * b[1] + b[2] * b[2] < reach * reach:
+            if span <= _FINEST or dot(b, b) < reach * reach:
                 return False
             span *= 0.5
         a, angle, span = b, end, min(2.0 * span, _CELL)
@@ -105,14 +104,6 @@ def _write_end(m: FilterModel, x: FloatArray, i: int, u: FloatArray, after: Floa
     end = held(m, state_of(x, i), u, HOLD_PIECES)
     for k in range(6):
         after[k] = end[k]
-
-
-@njit(**BORROWING)
-def _advance_team(m: FilterModel, x: FloatArray, control: FloatArray, after: FloatArray, t: TeamWorkspace) -> None:
-    """Write the states after a joint control, shape (D, 6)."""
-    for i in range(x.shape[0]):
-        copy(control[3 * i : 3 * i + 3], t.u)
-        _write_end(m, x, i, t.u, after[i])
 
 
 @njit(**BORROWING)
@@ -277,8 +268,9 @@ def tested(
                 return UNSAFE_HOLD, FOUND, False
     if broken:
         return UNSAFE_HOLD, FOUND, False
-    _advance_team(g.one, t.x, control, t.after, t)
-    later = turned(sun, g.one.hold_sun[HOLD_PIECES, 0], g.one.hold_sun[HOLD_PIECES, 1])
+    for i in range(t.x.shape[0]):
+        _write_end(g.one, t.x, i, control[3 * i : 3 * i + 3], t.after[i])
+    later = sun_after(g.one, sun, HOLD_PIECES)
     stuck, alone = joint_plan(g, t.after, later, margins, most, False, t, s)
     return (PASSED if stuck == FOUND else NO_JOINT_PLAN), stuck, alone
 
@@ -294,7 +286,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace)
         for node in range(0, FINE_NODES, _STRIDE):
             angle = node * (2.0 * math.pi / FINE_NODES)
             p = coasting_position(g.one.n, rel, angle, g.one.fine[node, 0], g.one.fine[node, 1])
-            least = min(least, p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+            least = min(least, dot(p, p))
             if least <= best:
                 return least
     return least

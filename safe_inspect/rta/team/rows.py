@@ -12,7 +12,7 @@ from safe_inspect.rta.active_set import nearest_joint
 from safe_inspect.rta.backup.model import PLANS
 from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, STAY
 from safe_inspect.rta.backup.rows import BACKUP, DESIRED, NEAREST, RETURN, return_control
-from safe_inspect.rta.backup.search import MARGINS, squared
+from safe_inspect.rta.backup.search import EXTRA, MARGINS, POLISH, STILL, squared
 from safe_inspect.rta.backup.tracking import remembers, tracking
 from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, Workspace, as_bool, as_int, copy, workspace
 from safe_inspect.rta.constraints.rows import SunAngle, scaled
@@ -27,14 +27,9 @@ from safe_inspect.types import BoolArray, FloatArray, IntArray
 TeamArrays = tuple[FloatArray, FloatArray, FloatArray]
 #: Bits of the constraints on the distance from the chief.
 _NEAR_BITS = 1 << COLLISION | 1 << PSM
-#: Margins that the half-spaces of the programme add, as multiples of `MARGINS`.
-_EXTRA = 2.0
 _ROUNDS = 6
 #: Largest number of rounds that end in states without a joint plan.
 _RECOVERIES = 2
-_POLISH = 4
-#: A proposal that moves by less than this [N] has converged.
-_STILL = 1e-7
 _HALVINGS = 5
 #: Number of plans that the search between the backup and the last proposal tries, in addition to the last safe one.
 _FEW = 6
@@ -49,7 +44,7 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
     Each round adds half-spaces for everything that the last proposal violates, and proposes the solution of the
     programme.
     """
-    margins = scaled(MARGINS, _EXTRA)
+    margins = scaled(MARGINS, EXTRA)
     count, unrecovered = as_int(0), 0
     copy(t.desired, t.control)
     for attempt in range(_ROUNDS):
@@ -65,12 +60,12 @@ def _cut(g: TeamModel, sun: SunAngle, own_side: bool, t: TeamWorkspace, s: Works
             if unrecovered > _RECOVERIES:
                 return False
             count = cut_plans(g, sun, stuck, alone, MARGINS, first, count, t, s)
-        for _ in range(_POLISH):
+        for _ in range(POLISH):
             if not nearest_joint(t.rows, t.bounds, count, g.one.u_max, t.desired, t.trial, t.qp):
                 return False
             moved = math.sqrt(squared(t.trial, t.control))
             copy(t.trial, t.control)
-            if moved < _STILL:
+            if moved < STILL:
                 break
             before = count
             count = cut_holds(g, sun, own_side, scaled(margins, 0.75), as_bool(True), as_bool(False), count, t, s)
