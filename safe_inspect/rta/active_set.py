@@ -57,42 +57,56 @@ def qp_workspace(variables: int) -> QPWorkspace:
 
 
 @njit(**BORROWING)
+def _product(a: FloatArray, b: FloatArray) -> float:
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += a[k] * b[k]
+    return total
+
+
+@njit(**BORROWING)
+def _take_out(p: QPWorkspace, i: int) -> float:
+    """Remove from the step its part along a vector of the basis; return the size of that part."""
+    total = _product(p.basis[i], p.step)
+    for k in range(p.step.shape[0]):
+        p.step[k] -= total * p.basis[i, k]
+    return total
+
+
+@njit(**BORROWING)
+def _extend(p: QPWorkspace, i: int, square: float) -> None:
+    """Write the direction of the step, whose squared length is given, as a vector of the basis."""
+    length = math.sqrt(square)
+    p.upper[i, i] = length
+    for k in range(p.step.shape[0]):
+        p.basis[i, k] = p.step[k] / length
+
+
+@njit(**BORROWING)
 def _split(p: QPWorkspace, active: int) -> float:
     """Write the part of the normal outside the active ones, and its coefficients; return the square of that part."""
-    size = p.normal.shape[0]
-    for k in range(size):
+    for k in range(p.normal.shape[0]):
         p.step[k] = p.normal[k]
-    for j in range(active):
-        p.coefficient[j] = 0.0
+    p.coefficient[:active] = 0.0
     for _ in range(2):  # Two passes are enough for orthogonality up to rounding.
         for j in range(active):
-            total = 0.0
-            for k in range(size):
-                total += p.basis[j, k] * p.step[k]
-            p.coefficient[j] += total
-            for k in range(size):
-                p.step[k] -= total * p.basis[j, k]
+            p.coefficient[j] += _take_out(p, j)
     for j in range(active - 1, -1, -1):
         total = p.coefficient[j]
         for k in range(j + 1, active):
             total -= p.upper[j, k] * p.part[k]
         p.part[j] = total / p.upper[j, j]
-    square = 0.0
-    for k in range(size):
-        square += p.step[k] * p.step[k]
-    return square
+    return _product(p.step, p.step)
 
 
 @njit(**BORROWING)
 def _append(p: QPWorkspace, active: int, square: float) -> None:
     """Make the normal active, after `_split`."""
-    length = math.sqrt(square)
     for k in range(p.normal.shape[0]):
         p.normals[active, k] = p.normal[k]
-        p.basis[active, k] = p.step[k] / length
     for j in range(active):
         p.upper[j, active] = p.coefficient[j]
-    p.upper[active, active] = length
+    _extend(p, active, square)
 
 
 @njit(**BORROWING)
@@ -107,19 +121,8 @@ def _remove(p: QPWorkspace, active: int, which: int) -> None:
         for k in range(size):
             p.step[k] = p.normals[j, k]
         for i in range(j):
-            total = 0.0
-            for k in range(size):
-                total += p.basis[i, k] * p.step[k]
-            p.upper[i, j] = total
-            for k in range(size):
-                p.step[k] -= total * p.basis[i, k]
-        square = 0.0
-        for k in range(size):
-            square += p.step[k] * p.step[k]
-        length = math.sqrt(square)
-        p.upper[j, j] = length
-        for k in range(size):
-            p.basis[j, k] = p.step[k] / length
+            p.upper[i, j] = _take_out(p, i)
+        _extend(p, j, _product(p.step, p.step))
 
 
 @njit(**BORROWING)
