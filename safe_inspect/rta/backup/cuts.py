@@ -51,8 +51,7 @@ def support(m: FilterModel, code: int, at: Node, margins: Margins, d: FloatArray
         for j in range(6):
             d[j] = half[j]
         return float(needed(half, margins))
-    for j in range(6):
-        d[j] = 0.0
+    d[:] = 0.0
     return float(support_of(m.constraints, code, at, margins, d))
 
 

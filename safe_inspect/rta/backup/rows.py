@@ -70,8 +70,7 @@ def return_control(m: FilterModel, x: RowState, sun: SunAngle, out: FloatArray, 
     now = node(x, sun)
     rate = _allowed(m, now)
     sun_b = sun_after(m, sun, k)
-    for axis in range(3):
-        s.trial[axis], out[axis] = 0.0, 0.0
+    s.trial[:], out[:] = 0.0, 0.0
     for _ in range(_ROUNDS):
         b, before = held(m, x, out, k), count
         end = node(b, sun_b)
@@ -193,5 +192,4 @@ def recoverable_rows(
         plan = find_plan(m, x, sun, scaled(MARGINS, share), NO_HOLD, as_int(STAY), control[i], s)
         out[i] = plan != NO_PLAN
         if not out[i]:
-            for axis in range(3):
-                control[i, axis] = 0.0
+            control[i, :] = 0.0

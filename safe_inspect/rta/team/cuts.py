@@ -19,8 +19,8 @@ from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
 from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, SunAngle, dot, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
-from safe_inspect.rta.team.plans import farthest_plans
 from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
+from safe_inspect.rta.team.plans import farthest_plans
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 
 #: Slack required of a plan at the nodes of its orbit [m], to cover the motion between them.
@@ -40,8 +40,7 @@ def _spread(new: int, i: int, j: int, count: int, t: TeamWorkspace, s: Workspace
             size *= math.sqrt(2.0)
         if count >= t.rows.shape[0] or size < 1e-12:
             continue
-        for k in range(t.rows.shape[1]):
-            t.rows[count, k] = 0.0
+        t.rows[count, :] = 0.0
         given = 0.0
         for deputy, sign in ((i, 1.0), (j, -1.0)):
             for axis in range(3 if deputy >= 0 else 0):
@@ -100,8 +99,7 @@ def _plan_end(m: FilterModel, i: int, axis: int, t: TeamWorkspace, s: Workspace)
         t.u[axis] += STEP
     after = held(m, state_of(t.x, i), t.u, HOLD_PIECES)
     if t.fixed[i]:
-        for k in range(3):
-            s.w[k] = 0.0
+        s.w[:] = 0.0
     else:
         plan_thrust(m, after, t.plan[i], s.w)
     return held(m, after, s.w, HOLD_PIECES)
@@ -128,8 +126,7 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
             p = coasting_position(n, rel, angle, cos, sin)
             size = size_of(p) + 1e-9
             p = p[0] / size, p[1] / size, p[2] / size
-            for k in range(t.rows.shape[1]):
-                t.rows[count, k] = 0.0
+            t.rows[count, :] = 0.0
             for axis in range(3):
                 pa = coasting_position(n, minus(ends_i[axis], a), angle, cos, sin)
                 pb = coasting_position(n, minus(ends_j[axis], b), angle, cos, sin)

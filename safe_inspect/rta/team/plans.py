@@ -110,10 +110,9 @@ def _write_end(m: FilterModel, x: FloatArray, i: int, u: FloatArray, after: Floa
 def _reset_plans(m: FilterModel, x: FloatArray, now: bool, t: TeamWorkspace) -> None:
     """Reset the results of the plans; deputies that coast have plan 0, if `now` with the thrust written by `enter`."""
     t.met[:] = _UNKNOWN
+    t.known[:] = _UNKNOWN
     for i in range(x.shape[0]):
         t.line[i] = i
-        for plan in range(PLANS):
-            t.known[i, plan] = _UNKNOWN
         if t.fixed[i]:
             t.plan[i], t.known[i, 0] = 0, _GOOD
             for axis in range(3):
