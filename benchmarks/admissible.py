@@ -13,9 +13,9 @@ from safe_inspect.rta.backup.model import PLANS
 from safe_inspect.rta.backup.plans import NO_PLAN
 from safe_inspect.rta.backup.search import MARGINS, verified
 from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, as_int, workspace
+from safe_inspect.rta.team.motions import enter
 from safe_inspect.rta.team.plans import PASSED, tested
 from safe_inspect.rta.team.safety_filter import TeamFilter
-from safe_inspect.rta.team.tracking import enter
 from safe_inspect.rta.team.workspace import team_workspace
 
 

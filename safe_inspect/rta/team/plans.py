@@ -20,7 +20,7 @@ from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.workspace import Workspace, as_int
 from safe_inspect.rta.constraints.rows import Margins, SunAngle, dot, lowest, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
-from safe_inspect.rta.team.tracking import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
+from safe_inspect.rta.team.motions import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.types import FloatArray
 

@@ -9,17 +9,18 @@ import numpy as np
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import row_state
 from safe_inspect.rta.active_set import nearest_joint
-from safe_inspect.rta.backup.model import PLANS
-from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, STAY
+from safe_inspect.rta.backup.holds import held
+from safe_inspect.rta.backup.model import HOLD_PIECES, PLANS, FilterModel
+from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, STAY, plan_thrust
 from safe_inspect.rta.backup.rows import BACKUP, DESIRED, NEAREST, RETURN, return_control
 from safe_inspect.rta.backup.search import EXTRA, MARGINS, POLISH, STILL, squared
-from safe_inspect.rta.backup.tracking import remembers, tracking
+from safe_inspect.rta.backup.tracking import begin_plan, follow_plan, forget, plan_after, remembers, tracking
 from safe_inspect.rta.backup.workspace import MAX_HALF_SPACES, Workspace, as_bool, as_int, copy, workspace
 from safe_inspect.rta.constraints.rows import SunAngle, scaled
 from safe_inspect.rta.constraints.sets import COLLISION, PSM
 from safe_inspect.rta.team.cuts import cut_holds, cut_plans
+from safe_inspect.rta.team.motions import enter, state_of
 from safe_inspect.rta.team.plans import FOUND, PASSED, UNSAFE_HOLD, farthest_plans, joint_plan, tested
-from safe_inspect.rta.team.tracking import begin_plans, enter, remember_plans, state_of, tracked_backup
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace, team_workspace
 from safe_inspect.types import BoolArray, FloatArray, IntArray
 
@@ -145,6 +146,46 @@ def _backup(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> bool
 
 
 @njit(**BORROWING)
+def _tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWorkspace) -> bool:
+    """Write the thrusts that track the stored joint plan to `t.backup`; return whether there is one."""
+    for place in range(t.x.shape[0]):
+        plan = tracks[t.order[place]]
+        if t.fixed[place]:  # Its state is that of its plan, which has that thrust.
+            copy(t.desired[3 * place : 3 * place + 3], t.u)
+        elif remembers(plan):
+            tracking(g.one, gain, state_of(t.x, place), plan, t.u)
+        else:
+            return False
+        copy(t.u, t.backup[3 * place : 3 * place + 3])
+    return True
+
+
+@njit(**BORROWING)
+def _begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
+    """Store the joint plan of the present states."""
+    for place in range(t.x.shape[0]):
+        if not t.fixed[place]:
+            begin_plan(state_of(t.x, place), t.backup[3 * place : 3 * place + 3], tracks[t.order[place]])
+
+
+@njit(**BORROWING)
+def _remember_plans(
+    m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, t: TeamWorkspace, s: Workspace
+) -> None:
+    """Store the joint plan after the step: that of `t.best` if `moved`, otherwise the previous one continues."""
+    for place in range(t.x.shape[0]):
+        plan = tracks[t.order[place]]
+        if lost and not t.fixed[place]:
+            forget(plan)
+        elif moved and not t.fixed[place]:
+            u = t.best[3 * place : 3 * place + 3]
+            plan_thrust(m, held(m, state_of(t.x, place), u, HOLD_PIECES), t.kept[place], t.u)
+            plan_after(m, state_of(t.x, place), u, t.u, plan)
+        elif remembers(plan):
+            follow_plan(m, plan, s.trial, s.w)
+
+
+@njit(**BORROWING)
 def _return(g: TeamModel, sun: SunAngle, t: TeamWorkspace, s: Workspace) -> None:
     """Write return controls to `t.best`: plans that are safe alone and far apart, or those of the single filter."""
     farthest_plans(g, t.x, sun, scaled(MARGINS, 0.5), as_int(PLANS), t, s)
@@ -188,13 +229,13 @@ def filter_team_rows(
             stage[row] = NEAREST if any_bits else DESIRED
             copy(t.control, t.best)
             copy(t.plan, t.kept)
-        elif tracks_plans and tracked_backup(g, gain, plans, t):
+        elif tracks_plans and _tracked_backup(g, gain, plans, t):
             stage[row] = BACKUP
             moved = _between(g, sun, t, s)
         elif _backup(g, sun, t, s):
             stage[row] = BACKUP
             if tracks_plans:
-                begin_plans(plans, t)
+                _begin_plans(plans, t)
             moved = _between(g, sun, t, s)
         else:
             stage[row] = RETURN
@@ -208,7 +249,7 @@ def filter_team_rows(
                 x = row_state(position[row, i], velocity[row, i])
                 tracking(g.one, gain, x, plans[i], control[row, i])
         if tracks_plans:
-            remember_plans(g.one, plans, moved, stage[row] == RETURN, t, s)
+            _remember_plans(g.one, plans, moved, stage[row] == RETURN, t, s)
 
 
 @njit(error_model="numpy")

@@ -1,4 +1,4 @@
-"""Order of the deputies in the team's filter, and joint plans that are tracked, with the tubes about them; compiled."""
+"""Order of the deputies in the team's filter, their relative motions, and the tubes about these; compiled."""
 
 from __future__ import annotations
 
@@ -6,19 +6,10 @@ import math
 
 from safe_inspect.compiling import BORROWING, njit
 from safe_inspect.dynamics.cwh import RowState
-from safe_inspect.rta.backup.holds import held
-from safe_inspect.rta.backup.model import CLOSED, FIRST_PLAN, HOLD, HOLD_PIECES, PLAN, PLANS, FilterModel
+from safe_inspect.rta.backup.model import CLOSED, FIRST_PLAN, HOLD, PLAN, PLANS, FilterModel
 from safe_inspect.rta.backup.plans import NO_PLAN, plan_thrust
-from safe_inspect.rta.backup.tracking import (
-    begin_plan,
-    follow_plan,
-    forget,
-    plan_after,
-    remembers,
-    tracking,
-    widened,
-)
-from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
+from safe_inspect.rta.backup.tracking import remembers, widened
+from safe_inspect.rta.backup.workspace import as_int, copy
 from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -90,44 +81,6 @@ def tube_about(
     """
     wide = _widened_for(model_about(g, j), margins, part, i, one, t)
     return wide if j < 0 else _widened_for(g.pair, wide, part, j, two, t)
-
-
-@njit(**BORROWING)
-def tracked_backup(g: TeamModel, gain: FloatArray, tracks: FloatArray, t: TeamWorkspace) -> bool:
-    """Write the thrusts that track the stored joint plan to `t.backup`; return whether there is one."""
-    for place in range(t.x.shape[0]):
-        plan = tracks[t.order[place]]
-        if t.fixed[place]:  # Its state is that of its plan, which has that thrust.
-            copy(t.desired[3 * place : 3 * place + 3], t.u)
-        elif remembers(plan):
-            tracking(g.one, gain, state_of(t.x, place), plan, t.u)
-        else:
-            return False
-        copy(t.u, t.backup[3 * place : 3 * place + 3])
-    return True
-
-
-@njit(**BORROWING)
-def begin_plans(tracks: FloatArray, t: TeamWorkspace) -> None:
-    """Store the joint plan of the present states."""
-    for place in range(t.x.shape[0]):
-        if not t.fixed[place]:
-            begin_plan(state_of(t.x, place), t.backup[3 * place : 3 * place + 3], tracks[t.order[place]])
-
-
-@njit(**BORROWING)
-def remember_plans(m: FilterModel, tracks: FloatArray, moved: bool, lost: bool, t: TeamWorkspace, s: Workspace) -> None:
-    """Store the joint plan after the step: that of `t.best` if `moved`, otherwise the previous one continues."""
-    for place in range(t.x.shape[0]):
-        plan = tracks[t.order[place]]
-        if lost and not t.fixed[place]:
-            forget(plan)
-        elif moved and not t.fixed[place]:
-            u = t.best[3 * place : 3 * place + 3]
-            plan_thrust(m, held(m, state_of(t.x, place), u, HOLD_PIECES), t.kept[place], t.u)
-            plan_after(m, state_of(t.x, place), u, t.u, plan)
-        elif remembers(plan):
-            follow_plan(m, plan, s.trial, s.w)
 
 
 @njit(**BORROWING)
