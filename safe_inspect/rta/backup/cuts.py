@@ -28,7 +28,7 @@ from safe_inspect.rta.backup.plans import ORDER, QUICK, plan_thrust
 from safe_inspect.rta.backup.sequences import bits_of, least_slack, slack_of, support_of
 from safe_inspect.rta.backup.tracking import tracking_thrust, widened
 from safe_inspect.rta.backup.workspace import Workspace, as_bool, as_int
-from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, Node, SunAngle, direction, dot, node, size_of
+from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, Node, SunAngle, direction, inner, node, size_of
 from safe_inspect.rta.constraints.sets import COLLISION, PSM
 from safe_inspect.types import FloatArray
 
@@ -96,7 +96,7 @@ def cut_near(
     for k in (HOLD_PIECES // 2, HOLD_PIECES):
         for j in range(0, last, 4):
             p = coasted(m, x, u, k, j)
-            reach = dot(side, p) if own_side else size_of(p)
+            reach = inner(side, p) if own_side else size_of(p)
             if reach < worst:
                 worst, at_k, at_j = reach, k, j
     if worst >= near + margins.coasting and not always:
@@ -104,7 +104,7 @@ def cut_near(
     if not own_side:
         side = direction(coasted(m, x, u, at_k, at_j))
     for i in range(6):
-        s.d[i] = dot(side, m.coast[at_j, :, i])
+        s.d[i] = inner(side, m.coast[at_j, :, i])
     return int(add(m, near + margins.coasting, held(m, x, u, at_k), u, at_k, s, count))
 
 

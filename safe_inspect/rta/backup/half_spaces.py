@@ -22,7 +22,7 @@ from safe_inspect.errors import PluginValueError
 from safe_inspect.rta.backup.model import FINEST, FURTHER, ORBIT_CELLS, FilterModel
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.constraints.base import HalfSpace
-from safe_inspect.rta.constraints.rows import ArcCell, Margins, dot, lowest, size_of
+from safe_inspect.rta.constraints.rows import ArcCell, Margins, inner, lowest, size_of
 
 _SIGNATURE = "float64(CPointer(float64), CPointer(float64), CPointer(float64))"
 #: Direction d of states, and the need.
@@ -119,7 +119,7 @@ def further_uncertain(m: FilterModel, cell: ArcCell, margins: Margins) -> int:
     for code in range(FURTHER, FURTHER + m.further):
         h = half_space(m, code, middle)
         position, velocity = _sizes(h)
-        curve = max(dot(h, cell.acceleration_a), dot(h, cell.acceleration_b))
+        curve = max(inner(h, cell.acceleration_a), inner(h, cell.acceleration_b))
         dip = max(0.0, eighth * curve + 6.0 * k * k * reach * position / m.n + 3.0 * k * reach * velocity)
         if not lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
             return code
@@ -148,7 +148,8 @@ def further_closed_motion(m: FilterModel, x: RowState, margins: Margins) -> int:
             h = half_space(m, code, _between(a, b))
             position, velocity = _sizes(h)
             k = 0.125 * ((end - place) * (2.0 * math.pi / FINEST)) ** 2
-            dip = max(0.0, k * (h[1] * centre - min(dot(h, a), dot(h, b))) + k * rho * (k * position + m.n * velocity))
+            lower = min(inner(h, a), inner(h, b))
+            dip = max(0.0, k * (h[1] * centre - lower) + k * rho * (k * position + m.n * velocity))
             if lowest(along(h, a), along(h, b), dip) >= needed(h, margins):
                 a, place, span = b, end, min(2 * span, FINEST // ORBIT_CELLS)
             elif span > 1:

@@ -15,7 +15,7 @@ from safe_inspect.dynamics.cwh import RowState, cwh_row
 from safe_inspect.rta.backup.half_spaces import further_broken, further_uncertain
 from safe_inspect.rta.backup.model import HOLD_PIECES, FilterModel
 from safe_inspect.rta.backup.sequences import SAFE, broken_at, uncertain
-from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Margins, Node, SunAngle, Triple, dot, node, size_of
+from safe_inspect.rta.constraints.rows import INLINED, ArcCell, Margins, Node, SunAngle, Triple, inner, node, size_of
 from safe_inspect.rta.constraints.sets import PSM
 from safe_inspect.types import FloatArray, IntArray
 
@@ -56,7 +56,7 @@ def arc_cell(n: float, a: Node, b: Node, w: Triple, span: float) -> ArcCell:
         span: Length of the cell [s].
     """
     first, last = _acceleration_at(n, a.state, w), _acceleration_at(n, b.state, w)
-    acceleration = math.sqrt(max(dot(first, first), dot(last, last)))
+    acceleration = math.sqrt(max(inner(first, first), inner(last, last)))
     eighth = 0.125 * span * span
     k = n * n * eighth
     reach = (max(a.speed, b.speed) + acceleration / n) / (1.0 - 9.0 * k)
@@ -66,8 +66,8 @@ def arc_cell(n: float, a: Node, b: Node, w: Triple, span: float) -> ArcCell:
     size = size_of(middle)
     e = middle[0] / size, middle[1] / size, middle[2] / size
     return ArcCell(
-        a, b, first, last, eighth, k, reach, bend, 3.0 * k * reach, max(a.range, b.range) + bend, size, dot(e, p),
-        dot(e, q), max(0.0, eighth * max(dot(e, first), dot(e, last)) + 6.0 * k * k * reach / n),
+        a, b, first, last, eighth, k, reach, bend, 3.0 * k * reach, max(a.range, b.range) + bend, size, inner(e, p),
+        inner(e, q), max(0.0, eighth * max(inner(e, first), inner(e, last)) + 6.0 * k * k * reach / n),
     )  # fmt: skip
 
 
@@ -195,7 +195,7 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
             size = size_of(e)
             if size > 0.0:
                 e = e[0] / size, e[1] / size, e[2] / size
-            pe, qe, fe, ge = dot(e, p), dot(e, q), dot(e, f), dot(e, g)
+            pe, qe, fe, ge = inner(e, p), inner(e, q), inner(e, f), inner(e, g)
             dt, ds = (t1 - t0) * (m.dt / HOLD_PIECES), (s1 - s0) * m.coast_step
             dip_t, dip_s = 0.125 * dt * dt * bend_t, 0.125 * ds * ds * bend_s
             bend = _remains(dip_t, fe - pe, ge - qe) + _remains(dip_s, qe - pe, ge - fe)
@@ -203,7 +203,7 @@ def _coasting(m: FilterModel, x: RowState, u: FloatArray, length: float, work: I
                 continue
             for corner, t, s in ((g, t1, s1), (f, t1, s0), (q, t0, s1)):
                 where[0], where[1] = t, s
-                if dot(corner, corner) < reach * reach:
+                if inner(corner, corner) < reach * reach:
                     return False
             if cells > _MOST_CELLS or (t1 - t0 <= 1 and s1 - s0 <= 1):
                 where[0], where[1] = t1, s1

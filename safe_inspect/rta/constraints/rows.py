@@ -179,8 +179,8 @@ def lowest(fa: float, fb: float, dip: float) -> float:
 
 
 @njit(**INLINED)
-def dot(a: Any, b: Any) -> float:
-    """Return the sum of the products of the first three numbers of two vectors."""
+def inner(a: Any, b: Any) -> float:
+    """Return the inner product of the first three numbers of two vectors."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 

@@ -17,7 +17,7 @@ from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD_PIECES, PAIR_
 from safe_inspect.rta.backup.plans import NO_PLAN, QUICK, plan_thrust
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.workspace import Workspace, as_int, copy
-from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, SunAngle, dot, size_of
+from safe_inspect.rta.constraints.rows import NO_MARGINS, Margins, SunAngle, inner, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.team.motions import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.plans import farthest_plans
@@ -131,9 +131,9 @@ def _cut_pair_plans(g: TeamModel, i: int, j: int, count: int, t: TeamWorkspace, 
                 pa = coasting_position(n, minus(ends_i[axis], a), angle, cos, sin)
                 pb = coasting_position(n, minus(ends_j[axis], b), angle, cos, sin)
                 if not t.fixed[i]:
-                    t.rows[count, 3 * i + axis] = dot(p, pa) / STEP
+                    t.rows[count, 3 * i + axis] = inner(p, pa) / STEP
                 if not t.fixed[j]:
-                    t.rows[count, 3 * j + axis] = -dot(p, pb) / STEP
+                    t.rows[count, 3 * j + axis] = -inner(p, pb) / STEP
             length, value = 0.0, reach - previous
             for k in range(t.rows.shape[1]):
                 length += t.rows[count, k] ** 2

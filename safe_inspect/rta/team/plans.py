@@ -18,7 +18,7 @@ from safe_inspect.rta.backup.model import CLOSED, FINE_NODES, HOLD, HOLD_PIECES,
 from safe_inspect.rta.backup.plans import NO_HOLD, NO_PLAN, ORDER, STAY, still, try_plan
 from safe_inspect.rta.backup.sequences import SAFE
 from safe_inspect.rta.backup.workspace import Workspace, as_int
-from safe_inspect.rta.constraints.rows import Margins, SunAngle, dot, lowest, size_of
+from safe_inspect.rta.constraints.rows import Margins, SunAngle, inner, lowest, size_of
 from safe_inspect.rta.constraints.sets import COLLISION
 from safe_inspect.rta.team.motions import coasts, minus, model_about, motion_about, state_of, tube_about, write_thrust
 from safe_inspect.rta.team.workspace import TeamModel, TeamWorkspace
@@ -75,11 +75,11 @@ def apart(n: float, x: RowState, reach: float) -> bool:
             if size <= 0.0:
                 return False
             e = e[0] / size, e[1] / size, e[2] / size
-            fa, fb, k = dot(e, a), dot(e, b), 0.125 * span * span
+            fa, fb, k = inner(e, a), inner(e, b), 0.125 * span * span
             bend = max(e[0] * level + e[1] * middle - fa, e[0] * level + e[1] * (centre + drift * end) - fb)
             if lowest(fa, fb, max(0.0, k * bend + k * k * rho)) >= reach:
                 break
-            if span <= _FINEST or dot(b, b) < reach * reach:
+            if span <= _FINEST or inner(b, b) < reach * reach:
                 return False
             span *= 0.5
         a, angle, span = b, end, min(2.0 * span, _CELL)
@@ -285,7 +285,7 @@ def _least_apart(g: TeamModel, i: int, plan: int, best: float, t: TeamWorkspace)
         for node in range(0, FINE_NODES, _STRIDE):
             angle = node * (2.0 * math.pi / FINE_NODES)
             p = coasting_position(g.one.n, rel, angle, g.one.fine[node, 0], g.one.fine[node, 1])
-            least = min(least, dot(p, p))
+            least = min(least, inner(p, p))
             if least <= best:
                 return least
     return least
