@@ -1,4 +1,4 @@
-"""`Trajectory`: one recorded episode; `Episodes`: the figures of each episode of a rollout, for team and agents."""
+"""`Episodes`: the figures of each episode of a rollout, for the team and its agents."""
 
 from __future__ import annotations
 
@@ -9,125 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.dynamics.quaternion import rotate
-from safe_inspect.tasks.inspection.sun import sun_directions
+from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.types import AnyArray, FloatArray, IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """One recorded episode of T steps with D deputies, in SI units and Hill's frame.
-
-    Attributes:
-        time: Time since the reset [s], shape (T + 1,).
-        position: Position of each deputy [m], shape (T + 1, D, 3).
-        velocity: Velocity of each deputy [m/s], shape (T + 1, D, 3).
-        control: Control of each deputy held over each step: thrust [N], shape (T, D, 3), or thrust and moment [N m] of
-            vehicles that turn, shape (T, D, 6); see `thrust`.
-        delta_v: Velocity change that each deputy has spent [m/s], shape (T + 1, D).
-        status: How the episode ended.
-        slot: Global index of the environment slot.
-        deputies: Name of each deputy.
-        arrays: Arrays that components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can also be
-            read as attributes, such as ``trajectory.sun_angle``.
-        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without
-            points.
-        inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
-        inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
-        mean_motion: Mean motion of the chief's orbit [rad/s], 0 if there is none.
-        in_body_axes: Whether the thrust in `control` is in body axes; else it is in Hill's frame.
-        camera: Axis in body axes and half angle [rad] of the cone of a camera that turns with each deputy, if any.
-        docking_radius: Radius of the docking region about the chief [m], 0 if there is none.
-    """
-
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    control: FloatArray
-    delta_v: FloatArray
-    status: DoneStatus
-    slot: int
-    deputies: tuple[str, ...]
-    arrays: Mapping[str, FloatArray] = field(default_factory=dict)
-    points: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    inspected_at: FloatArray = field(default_factory=lambda: np.zeros(0))
-    inspector: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    mean_motion: float = 0.0
-    in_body_axes: bool = False
-    camera: tuple[tuple[float, float, float], float] | None = None
-    docking_radius: float = 0.0
-
-    def __getattr__(self, name: str) -> FloatArray:
-        arrays: Mapping[str, FloatArray] = self.__dict__.get("arrays", {})
-        if name not in arrays:
-            known = f"; its components record {', '.join(arrays)}" if arrays else ""
-            raise AttributeError(f"the recorded episode has no {name!r}{known}")
-        return arrays[name]
-
-    @property
-    def thrust(self) -> FloatArray:
-        """Thrust of each deputy along Hill's axes at the start of each step [N], shape (T, D, 3)."""
-        thrust = self.control[..., :3]
-        return rotate(self.orientation[:-1], thrust) if self.in_body_axes else thrust
-
-    @property
-    def boresight(self) -> FloatArray | None:
-        """Unit vector of each deputy's camera, Hill frame, shape (T + 1, D, 3); None without a camera that turns."""
-        if self.camera is None:
-            return None
-        return rotate(self.orientation, np.broadcast_to(np.array(self.camera[0]), self.position.shape))
-
-    @property
-    def range(self) -> FloatArray:
-        """Distance of each deputy from the chief's centre [m], shape (T + 1, D)."""
-        return np.asarray(np.sqrt(np.square(self.position).sum(axis=-1)))
-
-    @property
-    def speed(self) -> FloatArray:
-        """Speed of each deputy in the chief's frame [m/s], shape (T + 1, D)."""
-        return np.asarray(np.sqrt(np.square(self.velocity).sum(axis=-1)))
-
-    @property
-    def coverage(self) -> FloatArray:
-        """Fraction of the points inspected so far [-], shape (T + 1,); NaN where there are no points."""
-        return self._inspected_share(self.inspected_at)
-
-    def coverage_of(self, deputy: int) -> FloatArray:
-        """Return the fraction of the points that a deputy was the first to inspect so far [-], shape (T + 1,).
-
-        Args:
-            deputy: Index of the deputy.
-        """
-        return self._inspected_share(np.where(self.inspector == deputy, self.inspected_at, np.inf))
-
-    def _inspected_share(self, when: FloatArray) -> FloatArray:
-        if not len(when):
-            return np.full(len(self.time), np.nan)
-        return np.searchsorted(np.sort(when), self.time, side="right") / len(when)
-
-    def until(self, time: float) -> Trajectory:
-        """Return the episode up to a time since its reset [s]; its status is RUNNING if it is cut before its end."""
-        last = max(int(np.searchsorted(self.time, time, side="right")), 1)
-        if last >= len(self.time):
-            return self
-        rows = {name: getattr(self, name)[:last] for name in ("time", "position", "velocity", "delta_v")}
-        seen = np.where(self.inspected_at <= self.time[last - 1], self.inspected_at, np.inf)
-        return replace(
-            self,
-            **rows,
-            arrays={name: array[:last] for name, array in self.arrays.items()},
-            control=self.control[: last - 1],
-            inspected_at=seen,
-            inspector=np.where(np.isfinite(seen), self.inspector, -1),
-            status=DoneStatus.RUNNING,
-        )
-
-    @property
-    def sun_direction(self) -> FloatArray | None:
-        """Unit vector from the chief to the sun, Hill frame, shape (T + 1, 3); None in a task without a sun."""
-        angle = self.arrays.get("sun_angle")
-        return None if angle is None else sun_directions(angle, self.arrays.get("beta_angle", 0.0))
-
 
 #: The figure that is added when a reference is given: delta-v minus that of the open-loop optimum.
 GAP = "gap to the open-loop optimum"

@@ -9,12 +9,12 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import FlyingRows
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.episodes import Episodes, Trajectory, join
+from safe_inspect.evaluation.episodes import Episodes, join
 from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
 from safe_inspect.evaluation.results.collector import EpisodeCollector
-from safe_inspect.evaluation.results.recorder import Recorder
+from safe_inspect.evaluation.results.recorder import Recorder, Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.base import ScriptedPolicy

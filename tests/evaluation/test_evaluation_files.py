@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dones import DoneStatus
-from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes, Trajectory
+from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes
 from safe_inspect.evaluation.results.files import (
     TRAJECTORIES,
     read_evaluation,
@@ -16,6 +16,7 @@ from safe_inspect.evaluation.results.files import (
     save_packed,
     write_evaluation,
 )
+from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson
