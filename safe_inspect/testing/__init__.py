@@ -9,7 +9,8 @@ It needs no test framework::
 """
 
 from safe_inspect.testing.contract import check_plugin
+from safe_inspect.testing.flights import take_rows
 from safe_inspect.testing.report import Breach, ContractError
-from safe_inspect.testing.samples import sample_spec, sample_steps, sample_team_steps, take_rows
+from safe_inspect.testing.samples import sample_spec, sample_steps, sample_team_steps
 
 __all__ = ["Breach", "ContractError", "check_plugin", "sample_spec", "sample_steps", "sample_team_steps", "take_rows"]

@@ -20,6 +20,8 @@ from safe_inspect.testing.samples import ROWS, sample_steps, team_sizes
 from safe_inspect.types import AnyArray, FloatArray
 
 SampleParts = Sequence[Part]
+#: Check of a plugin of some kind, given the further parts of the sample world.
+Check = Callable[[Any, SampleParts, Report], None]
 
 _ALONE = 6
 
@@ -96,10 +98,10 @@ def each_world(plugin: Plugin | None, parts: SampleParts, report: Report, rows: 
         yield sample_steps(plugin, rows, parts=parts, deputies=deputies)
 
 
-def spread(low: FloatArray, high: FloatArray, rows: int = ROWS) -> FloatArray:
+def spread(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return values from `low` to `high`, including both, shape (R, k); an infinite bound is replaced by -3 or 3."""
     low, high = np.where(np.isfinite(low), low, -3.0), np.where(np.isfinite(high), high, 3.0)
-    share = np.random.default_rng(5).random((rows, len(low)))
+    share = np.random.default_rng(5).random((ROWS, len(low)))
     share[0], share[-1] = 0.0, 1.0
     return np.asarray(low * (1.0 - share) + high * share)
 

@@ -75,8 +75,9 @@ def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH)
     return flown
 
 
-def fly_twice(spec: EnvironmentSpec, batch: int = 5, length: int = 12) -> Iterator[tuple[Flown, Flown]]:
+def fly_twice(spec: EnvironmentSpec) -> Iterator[tuple[Flown, Flown]]:
     """Run a batch, and then some of its environments alone; yield each step of these from both flights."""
+    batch, length = 5, 12
     together = fly(TeamEnvironment(spec, batch, seed=1), length=length)
     for slot in (0, batch - 1):
         alone = fly(TeamEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)

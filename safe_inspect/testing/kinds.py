@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -18,9 +17,9 @@ from safe_inspect.rewards.base import Reward
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.row_plugin import RowPlugin
 from safe_inspect.simulators.view import Step, View
-from safe_inspect.testing import simulation, teams
 from safe_inspect.testing.calls import (
     Call,
+    Check,
     SampleParts,
     Shape,
     check_alone,
@@ -31,22 +30,24 @@ from safe_inspect.testing.calls import (
     spread,
 )
 from safe_inspect.testing.constraints import check_constraint
-from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS, check_rendezvous
+from safe_inspect.testing.rendezvous import RENDEZVOUS_CHECKS
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import ROWS, sample_spec, sample_states, sample_team_steps
+from safe_inspect.testing.simulation import SIMULATION_CHECKS
+from safe_inspect.testing.teams import TEAM_CHECKS, check_shared_done
 
 
-def check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
+def _check_reward(plugin: Reward, parts: SampleParts, report: Report) -> None:
     """Check a reward: it must return float (R,)."""
     for step in each_world(plugin, parts, report):
         check_call(Call("the reward", plugin, {"step": step}), report)
         _check_row_kernel(plugin, step, report)
 
 
-def check_done(plugin: DoneFunction | SharedDoneFunction, parts: SampleParts, report: Report) -> None:
+def _check_done(plugin: DoneFunction | SharedDoneFunction, parts: SampleParts, report: Report) -> None:
     """Check a done function: it must return bool (R,) and have a status that ends an episode; or one for all agents."""
     if isinstance(plugin, SharedDoneFunction):
-        teams.check_shared_done(plugin, parts, report)
+        check_shared_done(plugin, parts, report)
         return
     status = getattr(plugin, "status", None)
     report.expect(
@@ -76,7 +77,7 @@ def _check_row_kernel(plugin: RowPlugin, seen: View | Step, report: Report) -> N
             )
 
 
-def check_part(plugin: Part, parts: SampleParts, report: Report) -> None:
+def _check_part(plugin: Part, parts: SampleParts, report: Report) -> None:
     """Check a part of a platform: a sensor or a controller."""
     if isinstance(plugin, Sensor):
         _check_sensor(plugin, parts, report)
@@ -130,7 +131,7 @@ def _check_controller(plugin: Controller, report: Report) -> None:
     check_call(Call("the controller", plugin, values, Shape((size,), "f", what)), report)
 
 
-def check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:
+def _check_normalizer(plugin: Normalizer, parts: SampleParts, report: Report) -> None:
     """Check a normaliser: float (R, k), in both directions."""
     sizes = [size for size in range(1, 17) if _fits(plugin, size)]
     if not report.expect(sizes, "check", "`check` accepts no number of elements from 1 to 16", "accept the right one"):
@@ -163,7 +164,7 @@ def _fits(plugin: Normalizer, size: int) -> bool:
     return True
 
 
-def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None:
+def _check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None:
     """Check a platform: it must return the names of its parts, or raise ValueError if they do not fit it."""
     own = tuple(sample_spec().agents[0].parts.values())
     with report.attempt("the platform"):
@@ -176,7 +177,7 @@ def check_platform(plugin: Platform, parts: SampleParts, report: Report) -> None
         report.expect(names == wanted, "parts", f"the platform returned {names}", f"return the parts' names, {wanted}")
 
 
-def check_glue(plugin: Glue, parts: SampleParts, report: Report) -> None:
+def _check_glue(plugin: Glue, parts: SampleParts, report: Report) -> None:
     """Check a glue: its names and bounds, and its part of the observation (R, size) or its thrust (R, 3)."""
     named = sample_spec(plugin, parts=parts).agents[0].parts
     bounds: Bounds | None = None
@@ -208,7 +209,7 @@ def check_glue(plugin: Glue, parts: SampleParts, report: Report) -> None:
         report.add("glue", f"{type(plugin).__name__} is neither kind of glue", "extend ObservationGlue or ActionGlue")
 
 
-def check_metric(plugin: BaseMetric, parts: SampleParts, report: Report) -> None:
+def _check_metric(plugin: BaseMetric, parts: SampleParts, report: Report) -> None:
     """Check a metric: float (R,) or (N,), NaN allowed; a unit, a reduction, and a label."""
     reduce = getattr(plugin, "reduce", None)
     report.expect(
@@ -257,21 +258,17 @@ def _without_nan(value: Any) -> Any:
     return value
 
 
-CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
-    "component": simulation.check_component,
+#: The check of each kind of plugin.
+CHECKS: dict[str, Check] = {
     "constraint": check_constraint,
-    "done": check_done,
-    "dynamics": simulation.check_dynamics,
-    "glue": check_glue,
-    "initializer": simulation.check_initializer,
-    "metric": check_metric,
-    "normalizer": check_normalizer,
-    "parameter": simulation.check_parameter,
-    "part": check_part,
-    "platform": check_platform,
-    "policy": teams.check_policy,
-    "reward": check_reward,
-    "rta": teams.check_team_safety,
-    "simulator": simulation.check_simulator,
-    **dict.fromkeys(RENDEZVOUS_KINDS, check_rendezvous),
+    "done": _check_done,
+    "glue": _check_glue,
+    "metric": _check_metric,
+    "normalizer": _check_normalizer,
+    "part": _check_part,
+    "platform": _check_platform,
+    "reward": _check_reward,
+    **RENDEZVOUS_CHECKS,
+    **SIMULATION_CHECKS,
+    **TEAM_CHECKS,
 }

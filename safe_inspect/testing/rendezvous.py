@@ -38,7 +38,7 @@ from safe_inspect.rendezvous.plugins import (
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, pose
 from safe_inspect.rendezvous.readings import Command
 from safe_inspect.rendezvous.target.model import Target
-from safe_inspect.testing.calls import SampleParts
+from safe_inspect.testing.calls import Check, SampleParts
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.types import AnyArray, FloatArray
 
@@ -46,7 +46,7 @@ from safe_inspect.types import AnyArray, FloatArray
 LOOKING = pose(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, -1.5, 0.0]))
 
 
-def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report) -> None:
+def _check_target_model(plugin: TargetModel, report: Report) -> None:
     """Check a target model: its mating point must be outside of it."""
     target, again = plugin(), plugin()
     _same(report, "the target", _arrays(target), _arrays(again))
@@ -56,7 +56,7 @@ def _check_target_model(plugin: TargetModel, parts: SampleParts, report: Report)
     report.expect(outside > 0.0, "mating point", "the mating point is inside the target", "move it out of the target")
 
 
-def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: Report) -> None:
+def _check_state_estimator(plugin: StateEstimator, report: Report) -> None:
     """Check an estimator: its estimates for a chaser at rest in front of a target, with a camera that fails later."""
     chaser, body = _bodies()
     camera = Fault(kind="camera", start=1.5, duration=10.0)
@@ -80,7 +80,7 @@ def _check_state_estimator(plugin: StateEstimator, parts: SampleParts, report: R
     _same(report, "the estimates", first, estimates())
 
 
-def _check_approach_planner(plugin: ApproachPlanner, parts: SampleParts, report: Report) -> None:
+def _check_approach_planner(plugin: ApproachPlanner, report: Report) -> None:
     """Check a planner: it must return a plan that a mission can fly, with its certificate, or a status without one."""
     query, easy, blocked = _query(), _still_query(-1.0), _still_query(1.0)
     with _unchanged([query.state, query.orientation, query.angular_velocity], report, "the planner"):
@@ -120,7 +120,7 @@ def _expect_flyable(query: PlanQuery, plan: Plan, report: Report) -> None:
     )
 
 
-def _check_front_end(plugin: FrontEnd, parts: SampleParts, report: Report) -> None:
+def _check_front_end(plugin: FrontEnd, report: Report) -> None:
     """Check a front end: edges between frames that it has received, the same for the same frames."""
     camera, T_BC = TimeOfFlightCamera(profile="clean"), pose(R_BC, np.array([0.13, 0.0, 0.0]))  # noqa: N806
     poses, renderer, streams = watched_poses(_target(), 4), camera(_target()), _streams()
@@ -148,7 +148,7 @@ def _check_front_end(plugin: FrontEnd, parts: SampleParts, report: Report) -> No
     report.expect(same, "repeatable", "the edges differ for the same input", "draw from the given streams alone")
 
 
-def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
+def _check_tracker(plugin: Tracker, report: Report) -> None:
     """Check a tracker: a force within the limits, the same for the same sequence of estimates."""
     plan, query, limits = _plan(), _bound_query(), TrackingLimits()
     bound = ConformalBound()(query, _streams())
@@ -169,21 +169,22 @@ def _check_tracker(plugin: Tracker, parts: SampleParts, report: Report) -> None:
     _same(report, "the forces", [found], [forces()])
 
 
-_CHECKS: dict[str, Callable[[Any, SampleParts, Report], None]] = {
+_KINDS: dict[str, Callable[[Any, Report], None]] = {
     "approach_planner": _check_approach_planner,
     "front_end": _check_front_end,
     "state_estimator": _check_state_estimator,
     "target_model": _check_target_model,
     "tracker": _check_tracker,
 }
-#: The kinds that `check_rendezvous` supports.
-RENDEZVOUS_KINDS = tuple(_CHECKS)
 
 
-def check_rendezvous(plugin: Any, parts: SampleParts, report: Report) -> None:
-    """Check a plugin of a rendezvous, whatever its kind."""
+def _check(plugin: Any, parts: SampleParts, report: Report) -> None:
+    """Check a plugin of a rendezvous, whatever its kind; it refers to no parts of a deputy."""
     with report.attempt(f"the {plugin.kind.replace('_', ' ')}", "it must work for the sample target"):
-        _CHECKS[plugin.kind](plugin, parts, report)
+        _KINDS[plugin.kind](plugin, report)
+
+
+RENDEZVOUS_CHECKS: dict[str, Check] = dict.fromkeys(_KINDS, _check)
 
 
 def _streams() -> Streams:

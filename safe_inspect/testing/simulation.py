@@ -22,7 +22,7 @@ from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter
 from safe_inspect.simulators.simulator import ComposedSimulator, Simulator
-from safe_inspect.testing.calls import Call, SampleParts, Shape, check_alone, check_call, spread
+from safe_inspect.testing.calls import Call, Check, SampleParts, Shape, check_alone, check_call, spread
 from safe_inspect.testing.flights import HORIZON, fly
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import DEPUTIES, FEW_ENVIRONMENTS, ROWS, SampleVehicle, sample_spec, sample_states
@@ -32,7 +32,7 @@ from safe_inspect.types import AnyArray, FloatArray
 _RANGES = {"m": (50.0, 100.0), "m/s": (0.0, 0.3), "rad": (-1.5, 6.28)}
 
 
-def check_parameter(plugin: Parameter, parts: SampleParts, report: Report) -> None:
+def _check_parameter(plugin: Parameter, parts: SampleParts, report: Report) -> None:
     """Check a reset parameter: it must return a number for each row, (R,), or named states."""
 
     def draw(slots: AnyArray, states: dict[str, FloatArray]) -> Any:
@@ -42,7 +42,7 @@ def check_parameter(plugin: Parameter, parts: SampleParts, report: Report) -> No
     check_call(Call("the parameter", draw, given, Shape(None, "f", "(R,)"), shapes={"": Shape()}), report)
 
 
-def check_initializer(plugin: Initializer, parts: SampleParts, report: Report) -> None:
+def _check_initializer(plugin: Initializer, parts: SampleParts, report: Report) -> None:
     """Check an initialiser: it must return named states with R rows, including those of `gives`."""
     slots = np.arange(ROWS)
     draw = Draw(Streams(12345, slots, slots), "sample")
@@ -64,7 +64,7 @@ def check_initializer(plugin: Initializer, parts: SampleParts, report: Report) -
             )
 
 
-def check_simulator(plugin: Simulator, parts: SampleParts, report: Report) -> None:
+def _check_simulator(plugin: Simulator, parts: SampleParts, report: Report) -> None:
     """Check a simulator: an environment must evolve identically alone and in a batch."""
     known = len(report.breaches)
     with report.attempt("the simulator"):
@@ -103,7 +103,7 @@ _BODIES = 256
 _MORE, _ROUNDING = 1.05, 1e-9
 
 
-def check_component(plugin: Component, parts: SampleParts, report: Report) -> None:
+def _check_component(plugin: Component, parts: SampleParts, report: Report) -> None:
     """Check that a component disturbs the deputies of the sample world by no more than it declares."""
     bounds = _declared(plugin, report)
     spec = sample_spec(parts=parts)
@@ -134,7 +134,7 @@ def _environment(plugin: Component, spec: EnvironmentSpec) -> TeamEnvironment:
     raise AssertionError("a place is found, or the last error is raised")
 
 
-def check_dynamics(plugin: Dynamics, parts: SampleParts, report: Report) -> None:
+def _check_dynamics(plugin: Dynamics, parts: SampleParts, report: Report) -> None:
     """Check that dynamics differ from Clohessy-Wiltshire motion by no more than they declare."""
     bounds = _declared(plugin, report)
     if bounds is None or not report.expect(
@@ -212,3 +212,12 @@ def _compare(
                 f"bounds allow {bound[row]:.4g} {unit}",
                 "declare bounds that cover a step, or None",
             )
+
+
+SIMULATION_CHECKS: dict[str, Check] = {
+    "component": _check_component,
+    "dynamics": _check_dynamics,
+    "initializer": _check_initializer,
+    "parameter": _check_parameter,
+    "simulator": _check_simulator,
+}

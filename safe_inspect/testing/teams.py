@@ -17,6 +17,7 @@ from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import View
 from safe_inspect.testing.calls import (
     Call,
+    Check,
     SampleParts,
     Shape,
     check_alone,
@@ -45,7 +46,7 @@ def check_shared_done(plugin: SharedDoneFunction, parts: SampleParts, report: Re
         )
 
 
-def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> None:
+def _check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> None:
     """Check a scripted policy: thrust [N] (R, 3), or the control of a vehicle with attitude [N, N m] (R, 6)."""
     size = 6 if plugin.commands_attitude else 3
     limits = ThrustLimits(np.full(size, -1.0), np.full(size, 1.0))
@@ -68,7 +69,7 @@ def check_policy(plugin: ScriptedPolicy, parts: SampleParts, report: Report) -> 
         _check_flight(plugin, parts, step.after.group.size, report)
 
 
-def check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) -> None:
+def _check_team_safety(plugin: TeamSafety, parts: SampleParts, report: Report) -> None:
     """Check a team's safety filter: its thrusts [N] (N, D, 3), its flags, and the states that it rejects."""
     for deputies in each_team(plugin, report):
         if plugin.enabled and _remembers_what_it_declares(plugin, deputies, report):
@@ -133,3 +134,6 @@ def _check_flight(plugin: ScriptedPolicy | TeamSafety, parts: SampleParts, deput
         "compute each row from itself, remember in declared arrays alone, and draw from `state.key` alone",
         report,
     )
+
+
+TEAM_CHECKS: dict[str, Check] = {"policy": _check_policy, "rta": _check_team_safety}

@@ -21,7 +21,7 @@ from safe_inspect.glues import ActionGlue, ObservationGlue
 from safe_inspect.metrics import Metric, TeamMetric
 from safe_inspect.platforms import Controller, Sensor
 from safe_inspect.plugins.registry import ENTRY_POINT_GROUP, registry
-from safe_inspect.testing.rendezvous import RENDEZVOUS_KINDS as _RENDEZVOUS
+from safe_inspect.testing.rendezvous import RENDEZVOUS_CHECKS as _RENDEZVOUS
 
 _PACKAGE = Path(__file__).parents[2] / "examples" / "plugin_package"
 _EXPERIMENT = _PACKAGE / "configs" / "speed-limit" / "experiment.yml"
