@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable
-from typing import Any, ClassVar, Literal, TypeVar
-
-import numpy as np
+from typing import ClassVar, Literal
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators.team import TeamStep
@@ -16,8 +13,6 @@ from safe_inspect.types import FloatArray
 
 #: How the values of an episode's steps are reduced to one number.
 Reduce = Literal["sum", "max", "min", "last", "mean"]
-
-Seen = TypeVar("Seen")
 
 
 class BaseMetric(Plugin):
@@ -76,17 +71,3 @@ class TeamMetric(BaseMetric):
     @abstractmethod
     def __call__(self, step: TeamStep) -> FloatArray:
         """Return a value for each environment, NaN where there is nothing to measure, shape (N,)."""
-
-
-def over_both(step: Step | TeamStep, measure: Callable[[Any], FloatArray], choose: Callable[..., Any]) -> FloatArray:
-    """Return a measure of the state after the step, in first steps combined with that of the initial state.
-
-    Args:
-        step: The step.
-        measure: Function from a state to a value for each row.
-        choose: ``np.minimum`` or ``np.maximum``, which combines the two values.
-    """
-    after, first = measure(step.after), step.before.step == 0
-    if not first.any():
-        return after
-    return np.where(first, choose(measure(step.before), after), after)

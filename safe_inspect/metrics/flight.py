@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.metrics.base import Metric, Reduce, over_both
+from safe_inspect.metrics.base import Metric, Reduce
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.rta.constraints import Constraint, RelativeState
@@ -17,6 +18,20 @@ from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.simulators.view import DECISION, REMAINING, Step, View
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveForce
+
+
+def _extreme(step: Step, measure: Callable[[View], FloatArray], choose: Callable[..., Any]) -> FloatArray:
+    """Return a measure of the state after the step, in first steps combined with that of the initial state.
+
+    Args:
+        step: The step.
+        measure: Function from a state to a value for each row.
+        choose: ``np.minimum`` or ``np.maximum``, which combines the two values.
+    """
+    after, first = measure(step.after), step.before.step == 0
+    if not first.any():
+        return after
+    return np.where(first, choose(measure(step.before), after), after)
 
 
 class Decisions(Metric):
@@ -47,7 +62,7 @@ class SmallestRange(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the distance [m], shape (R,)."""
-        return over_both(step, lambda view: _range(view, self.entity_name), np.minimum)
+        return _extreme(step, lambda view: _range(view, self.entity_name), np.minimum)
 
 
 class LargestRange(Metric):
@@ -64,7 +79,7 @@ class LargestRange(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the distance [m], shape (R,)."""
-        return over_both(step, lambda view: _range(view, self.entity_name), np.maximum)
+        return _extreme(step, lambda view: _range(view, self.entity_name), np.maximum)
 
 
 def _range(view: View, entity: str) -> FloatArray:
@@ -85,7 +100,7 @@ class LargestSpeed(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return the speed in the rotating Hill frame [m/s], shape (R,)."""
-        return over_both(step, lambda view: lengths(view.velocity - view.entity_velocity(self.entity_name)), np.maximum)
+        return _extreme(step, lambda view: lengths(view.velocity - view.entity_velocity(self.entity_name)), np.maximum)
 
 
 class ThrustingSteps(Metric):
@@ -154,7 +169,7 @@ class SmallestPhi(Metric):
 
     def __call__(self, step: Step) -> FloatArray:
         """Return phi, shape (R,)."""
-        return over_both(step, self._phi, np.minimum)
+        return _extreme(step, self._phi, np.minimum)
 
     def _phi(self, view: View) -> FloatArray:
         constraint: Any = self.constraint
