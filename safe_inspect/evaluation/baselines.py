@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.episodes import Progress
 from safe_inspect.evaluation.optimiser import EFFORTS, coverage_task, optimise
 from safe_inspect.evaluation.task import differing_keys, task_of
 from safe_inspect.planning.record import Entry, Record, read_record, write_record
@@ -22,9 +23,6 @@ from safe_inspect.version import __version__
 OPTIMISER = "optimiser"
 #: Number of episodes in a batch, after which finished episodes are stored.
 _BATCH = 16
-
-#: Called with the number of finished episodes and the total number.
-Progress = Callable[[int, int], None]
 
 
 def empty_record(spec: EnvironmentSpec, seed: int, effort: str, cfg: str, overrides: Iterable[str]) -> Record:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ FIGURES = {
     "closest deputies": "m",
     GAP: "m/s",
 }
+
+#: Called with the number of finished episodes, or other items, and the total number.
+Progress: TypeAlias = Callable[[int, int], None]
 
 #: Label and unit of each quantity that components report, by the quantity's name.
 _Labels = Mapping[str, tuple[str, str]]
@@ -61,6 +64,11 @@ class _Informed:
         """Return the quantities that components report, by label."""
         return {labels.get(name, (name, "-"))[0]: values.astype(np.float64) for name, values in self.info.items()}
 
+    def _figures(self, labels: _Labels, usual: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return all figures by label, with the usual ones behind the quantities that components report."""
+        terms = {f"reward/{name}": values for name, values in self.terms.items()}
+        return {"return": self.returns, **self.labelled(labels), **usual, **terms, **self.metrics}
+
 
 @dataclass(frozen=True, eq=False)
 class AgentEpisodes(_Informed):
@@ -79,8 +87,7 @@ class AgentEpisodes(_Informed):
 
     def figures(self, labels: _Labels) -> dict[str, FloatArray]:
         """Return all figures by label, each of shape (E,)."""
-        usual = {"delta-v": self.delta_v, "length": self.length.astype(np.float64)}
-        return {"return": self.returns, **self.labelled(labels), **usual, **_terms(self.terms), **self.metrics}
+        return self._figures(labels, {"delta-v": self.delta_v, "length": self.length.astype(np.float64)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,16 +159,7 @@ class Episodes(_Informed):
             usual["closest deputies"] = self.closest
         if reference is not None:
             usual[GAP] = self.delta_v - reference
-        return {"return": self.returns, **self.labelled(self.labels), **usual, **_terms(self.terms), **self.metrics}
-
-
-def _terms(terms: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    return {f"reward/{name}": values for name, values in terms.items()}
-
-
-def starting(start: str, figures: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-    """Return the figures whose names have a prefix, by the rest of their names."""
-    return {name.removeprefix(start): values for name, values in figures.items() if name.startswith(start)}
+        return self._figures(self.labels, usual)
 
 
 def join(parts: Sequence[_T]) -> _T:

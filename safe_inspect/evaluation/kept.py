@@ -28,7 +28,7 @@ class KeptEpisodes:
         name: Prefix of the names of their files.
     """
 
-    def __init__(self, folder: Path | None, name: str) -> None:
+    def __init__(self, folder: Path | None = None, name: str = "") -> None:
         self._folder, self._name = folder, name
         self.count = 0
 
@@ -87,7 +87,7 @@ def kept_episodes(
             process is writing episodes to it.
     """
     if output is None:
-        yield [KeptEpisodes(None, name) for name in flights]
+        yield [KeptEpisodes() for _ in flights]
         return
     shown = output.with_name(f"{output.name}.part")
     folder = shown.expanduser().absolute()
@@ -112,7 +112,7 @@ def kept_episodes(
             if error.errno not in NO_SPACE:
                 raise cannot_write(output, error, "give another with --output", "folder") from None
             remove_written(folder)
-            yield [KeptEpisodes(None, name) for name in flights]
+            yield [KeptEpisodes() for _ in flights]
             return
         kept = [KeptEpisodes(folder, name) for name in flights]
         try:

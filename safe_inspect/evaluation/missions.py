@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, join
+from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes, Progress, join
 from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.missions.mission import Mission
 from safe_inspect.missions.scenario import initial_tumbles, mission_streams
@@ -35,7 +35,7 @@ def fly_missions(
     episodes: int,
     flights: Flights | None = None,
     kept: KeptEpisodes | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Episodes:
     """Run the missions 0 to `episodes` - 1.
 
@@ -48,7 +48,7 @@ def fly_missions(
         kept: The missions of an earlier call, each as a batch of one, which are not run again; new ones are added.
         progress: Called with (finished episodes, `episodes`).
     """
-    kept = kept or KeptEpisodes(None, "")
+    kept = kept or KeptEpisodes()
     known = {number: kept.get(number, 1) for number in range(episodes)}
     found = {number: episode for number, episode in known.items() if episode is not None}
     missing = [number for number in range(episodes) if number not in found]

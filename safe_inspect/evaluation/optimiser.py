@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,13 @@ class _CoverageTask:
     near: float
     far: float
     field_of_view: float
+
+    def inspector(self, near: float, far: float, **others: Any) -> NaturalMotionInspector:
+        """Return the scripted inspector of this task within a range from `near` to `far` [m]."""
+        return NaturalMotionInspector(
+            inspection_entity_name=self.entity, horizon=self.horizon, near=near, far=far,
+            field_of_view=self.field_of_view, **others,
+        )  # fmt: skip
 
 
 def coverage_task(spec: EnvironmentSpec) -> _CoverageTask:
@@ -113,14 +121,8 @@ def coverage_problem(environment: TeamEnvironment, row: int, task: _CoverageTask
         raise SafeInspectError(
             "the open-loop optimiser only supports Clohessy-Wiltshire dynamics; remove the RelativeOrbit"
         )
-    planner = NaturalMotionInspector(
-        inspection_entity_name=task.entity,
-        horizon=task.horizon,
-        near=max(task.near, sight_range(model.radius, task.field_of_view)),
-        far=min(task.far, 1e9),
-        speed=None,
-        field_of_view=task.field_of_view,
-    )
+    near = max(task.near, sight_range(model.radius, task.field_of_view))
+    planner = task.inspector(near, min(task.far, 1e9), speed=None)
     strength = np.maximum(np.minimum(group.limits.high, -group.limits.low), 0.0)
     reach = strength * (world.step_size / world.masses[0])
     problem = planner.burn_problem(View(state, world, group.group), row, 0, reach)
@@ -152,13 +154,7 @@ def optimise(spec: EnvironmentSpec, episodes: int, seed: int, first_slot: int, p
         SafeInspectError: The optimiser does not support the task.
     """
     task = coverage_task(spec)
-    inspector = NaturalMotionInspector(
-        inspection_entity_name=task.entity,
-        horizon=task.horizon,
-        near=max(16.0, 1.2 * task.near),
-        far=min(0.975 * task.far, 1e6),
-        field_of_view=task.field_of_view,
-    )
+    inspector = task.inspector(max(16.0, 1.2 * task.near), min(0.975 * task.far, 1e6))
     guide, trajectories = fly_slots(spec, inspector, episodes, seed, first_slot)
     environment = TeamEnvironment(spec, episodes, seed=seed, first_slot=first_slot)
     environment.reset()

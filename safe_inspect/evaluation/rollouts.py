@@ -9,7 +9,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.decisions import FlyingRows
 from safe_inspect.environments.team import TeamEnvironment
-from safe_inspect.evaluation.episodes import Episodes, join
+from safe_inspect.evaluation.episodes import Episodes, Progress, join
 from safe_inspect.evaluation.kept import KeptEpisodes
 from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
@@ -18,9 +18,6 @@ from safe_inspect.evaluation.results.recorder import Recorder, Trajectory
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.base import ScriptedPolicy
-
-#: Called with the number of finished episodes and the total number, whenever more episodes are finished.
-EpisodeProgress = Callable[[int, int], None]
 
 
 def rollout(
@@ -32,7 +29,7 @@ def rollout(
     *,
     record: int = 0,
     metrics: Sequence[BaseMetric] = (),
-    progress: EpisodeProgress | None = None,
+    progress: Progress | None = None,
     kept: KeptEpisodes | None = None,
 ) -> Episodes:
     """Run policies for `episodes` episodes: the first episode of the environment slots 0, 1, 2, ...
@@ -50,7 +47,7 @@ def rollout(
         num_envs: Number of episodes that run at the same time.
         record: How many of the first episodes are recorded in `Episodes.trajectories`.
         metrics: Metrics that are measured in every episode in addition to the standard figures.
-        progress: Called with (finished episodes, `episodes`).
+        progress: Called with (finished episodes, `episodes`), whenever more episodes are finished.
         kept: The batches of an earlier call with the same arguments, which are not run again; new ones are added.
 
     Raises:
@@ -65,7 +62,7 @@ def rollout(
         )
     spec, flying = assign(spec, policies)
     check_metrics(spec, metrics)
-    kept = kept or KeptEpisodes(None, "")
+    kept = kept or KeptEpisodes()
     parts: list[Episodes] = []
     for first in range(0, episodes, num_envs):
         count = min(num_envs, episodes - first)
@@ -80,8 +77,7 @@ def rollout(
             if progress is not None:
                 progress(before + count, episodes)
 
-        collector, trajectories = _fly_batch(environment, flying, metrics, first, recorded, finished)
-        parts.append(collector.episodes(seed, trajectories))
+        parts.append(_fly_batch(environment, flying, seed, first, recorded, metrics, finished))
         kept.add(first, parts[-1])
     return join(parts)
 
@@ -89,11 +85,12 @@ def rollout(
 def _fly_batch(
     environment: TeamEnvironment,
     flying: Mapping[str, Policy],
+    seed: int,
+    first_slot: int,
+    recorded: int,
     metrics: Sequence[BaseMetric] = (),
-    first_slot: int = 0,
-    recorded: int = 0,
     finished: Callable[[int], None] | None = None,
-) -> tuple[EpisodeCollector, list[Trajectory]]:
+) -> Episodes:
     """Run one episode in every row of a batch.
 
     If every policy has a method `decide`, only the rows whose action is used next are observed, and rows that have
@@ -103,9 +100,10 @@ def _fly_batch(
     Args:
         environment: The batch; it is reset first.
         flying: The policy of each controlled agent, by the agent's name.
-        metrics: Metrics that are measured in addition.
+        seed: Seed of the run.
         first_slot: Global index of the environment slot of the first row.
         recorded: How many of the first rows are recorded.
+        metrics: Metrics that are measured in addition.
         finished: Called with the number of finished episodes whenever it has grown.
     """
     observations = environment.reset()
@@ -133,7 +131,7 @@ def _fly_batch(
             if chosen is not None:
                 collector.go_on(flying_rows.part, chosen)
                 observations = tuple(array[chosen] for array in observations)
-    return collector, recorder.trajectories(collector.length, collector.status)
+    return collector.episodes(seed, recorder.trajectories(collector.length, collector.status))
 
 
 def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, seed: int = 0) -> Trajectory:
@@ -150,12 +148,12 @@ def record_episode(spec: EnvironmentSpec, policies: Policies, episode: int = 0, 
     """
     spec, flying = assign(spec, policies)
     environment = TeamEnvironment(spec, 1, seed=seed, first_slot=episode)
-    return _fly_batch(environment, flying, first_slot=episode, recorded=1)[1][0]
+    return _fly_batch(environment, flying, seed, episode, 1).trajectories[0]
 
 
 def fly_slots(
     spec: EnvironmentSpec, policy: ScriptedPolicy, episodes: int, seed: int, first_slot: int
-) -> tuple[list[Entry], list[Trajectory]]:
+) -> tuple[list[Entry], Sequence[Trajectory]]:
     """Run the first episode of each of some slots, as `rollout` does.
 
     Args:
@@ -170,8 +168,7 @@ def fly_slots(
             recorded episodes.
     """
     environment = TeamEnvironment(with_scripted(spec, policy), episodes, seed=seed, first_slot=first_slot)
-    collector, trajectories = _fly_batch(environment, {}, (), first_slot, episodes)
-    found = collector.episodes(seed)
+    found = _fly_batch(environment, {}, seed, first_slot, episodes)
     deputies = range(environment.simulation.world.num_deputies)
     entries = [
         Entry(
@@ -182,6 +179,6 @@ def fly_slots(
             inspected=int(found.inspected_count[row]),
             burns=float(np.mean([len(flight_plan(trajectory.control[:, k, :3])) for k in deputies])),
         )
-        for row, trajectory in enumerate(trajectories)
+        for row, trajectory in enumerate(found.trajectories)
     ]
-    return entries, trajectories
+    return entries, found.trajectories

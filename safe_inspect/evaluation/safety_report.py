@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
+from safe_inspect.evaluation.episodes import Progress
 from safe_inspect.random.streams import Streams
 from safe_inspect.rta.audit.adversaries import ADVERSARIES, adversarial_thrust
 from safe_inspect.rta.base import SafetyGlue
@@ -92,7 +93,7 @@ def safety_report(
     num_envs: int = 1024,
     seed: int = 0,
     substeps: int = 10,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> SafetyReport:
     """Let adversaries act under the task's safety glue and check every constraint.
 
@@ -198,7 +199,7 @@ class _Watch:
 
 
 @dataclass(frozen=True, eq=False)
-class Acceptance:
+class _Acceptance:
     """First samples of a rejection sampler, and which of them its constraints refuse.
 
     Attributes:
@@ -227,7 +228,7 @@ class Acceptance:
         return "\n".join(lines)
 
 
-def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Acceptance:
+def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> _Acceptance:
     """Sample initial states of the first deputy once each, without retries, and check them against the constraints.
 
     As in an environment, these are the constraints of the rejection sampler and those of the enabled filters.
@@ -253,7 +254,7 @@ def acceptance(spec: EnvironmentSpec, draws: int = 100_000, seed: int = 0) -> Ac
         if isinstance(parameter, RejectionSampler):
             states, refused = parameter.candidates(draw)
             accepted = ~np.any([np.zeros(draws, dtype=np.bool_), *refused.values()], axis=0)
-            return Acceptance(name, states, refused, accepted)
+            return _Acceptance(name, states, refused, accepted)
         values[name] = parameter(draw)
     raise ConfigError(
         "no reset parameter of this task is a RejectionSampler, so all samples are accepted and there is no share; "

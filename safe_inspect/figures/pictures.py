@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import OutputError, SafeInspectError
+from safe_inspect.evaluation.episodes import Progress
 from safe_inspect.figures.drawing import new_figure, style
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray
@@ -75,14 +76,11 @@ class Pictures(ABC):
             return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
 
-#: Called with the number of drawn pictures and the total number.
-FilmProgress = Callable[[int, int], None]
-
 _COLOURS = 96
 
 
 def save_film(
-    film: Pictures, path: str | os.PathLike[str], fps: float = 25.0, progress: FilmProgress | None = None
+    film: Pictures, path: str | os.PathLike[str], fps: float = 25.0, progress: Progress | None = None
 ) -> None:
     """Write a film; the ending of the file's name determines the format (gif, mp4).
 
@@ -90,7 +88,7 @@ def save_film(
         film: The film.
         path: The file.
         fps: Pictures per second.
-        progress: Called after each picture.
+        progress: Called after each picture with (drawn pictures, their number).
 
     Raises:
         OutputError: The file cannot be written, or the format is unknown.
@@ -108,7 +106,7 @@ def save_film(
         writers[target.suffix.lower()](_with_progress(film, progress), film.size, work, fps)
 
 
-def _with_progress(film: Pictures, progress: FilmProgress | None) -> Iterable[AnyArray]:
+def _with_progress(film: Pictures, progress: Progress | None) -> Iterable[AnyArray]:
     for index, picture in enumerate(film):
         yield picture
         if progress is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from safe_inspect.environments.episodes import INFO, TERM, EpisodeAccumulator
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.evaluation.episodes import FIGURES, AgentEpisodes, Episodes, starting
+from safe_inspect.evaluation.episodes import FIGURES, AgentEpisodes, Episodes
 from safe_inspect.evaluation.measuring import MetricAccumulator
 from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.metrics.base import BaseMetric
@@ -96,8 +96,8 @@ class EpisodeCollector:
         agents = {
             name: AgentEpisodes(
                 returns=figures["return"],
-                terms=starting(TERM, figures),
-                info=starting(INFO, figures),
+                terms=_starting(TERM, figures),
+                info=_starting(INFO, figures),
                 metrics=self._measured.of_agent(deputy),
                 **{key: figures[key] for key in ("length", "status", "delta_v")},
             )
@@ -121,3 +121,8 @@ class EpisodeCollector:
         """Store the figures of some rows that have just ended."""
         for name, values in found.items():
             kept.setdefault(name, np.zeros(len(self.running), values.dtype))[rows] = values
+
+
+def _starting(prefix: str, figures: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return the figures whose names have a prefix, by the rest of their names."""
+    return {name.removeprefix(prefix): values for name, values in figures.items() if name.startswith(prefix)}

@@ -70,7 +70,7 @@ class FlownRow(_Model):
         return self.name or self.source
 
 
-class PublishedRow(_Model):
+class _PublishedRow(_Model):
     """Figures that come from elsewhere: published ones, or those of another program; None if a figure is unknown.
 
     Attributes:
@@ -109,7 +109,7 @@ class Board(_Model):
     about: str = ""
     overrides: tuple[str, ...] = ()
     rows: tuple[FlownRow, ...] = ()
-    published: tuple[PublishedRow, ...] = ()
+    published: tuple[_PublishedRow, ...] = ()
 
 
 class Leaderboard(_Model):
@@ -219,7 +219,7 @@ class Standing:
         return cls(_title(row), means, wilson(sum(entry.success for entry in entries), len(entries)))
 
     @classmethod
-    def of_published(cls, row: PublishedRow) -> Standing:
+    def of_published(cls, row: _PublishedRow) -> Standing:
         """Return the standing of published figures."""
         name = f"*{_plain(row.name)}* ({_plain(row.reference)}{f'; {_plain(row.note)}' if row.note else ''})"
         known = (row.success, row.points, row.delta_v, row.time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -116,6 +117,12 @@ class Evaluation:
     def blocks(self) -> dict[str, Block]:
         """The figures of the team under the name ``""`` and, with several agents, those of each agent by its name."""
         return {"": self.team} | (dict(self.agents) if len(self.agents) > 1 else {})
+
+    @property
+    def losses(self) -> list[tuple[str, int]]:
+        """Each cause of a loss with its number of episodes, the most frequent first."""
+        causes = [] if self.causes is None else self.causes.tolist()
+        return Counter(cause for cause in causes if cause).most_common()
 
     @cached_property
     def estimates(self) -> dict[str, dict[str, Estimate]]:

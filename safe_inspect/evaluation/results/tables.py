@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 import sys
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -44,10 +43,10 @@ def evaluation_table(evaluation: Evaluation) -> str:
 
 def _causes(evaluation: Evaluation) -> list[str]:
     """Return a line for each cause of a loss, the most frequent first, with the numbers of its first episodes."""
-    causes = np.array([] if evaluation.causes is None else evaluation.causes, dtype=object)
     lines = []
-    for cause, times in Counter(causes[causes != ""].tolist()).most_common():
-        numbers = ", ".join(str(number) for number in np.flatnonzero(causes == cause)[:_MOST_NUMBERS])
+    for cause, times in evaluation.losses:
+        lost = np.flatnonzero(np.asarray(evaluation.causes) == cause)
+        numbers = ", ".join(str(number) for number in lost[:_MOST_NUMBERS])
         lines.append(f"  {times} lost: {cause} (episodes {numbers}{', ...' if times > _MOST_NUMBERS else ''})")
     return lines
 
@@ -125,7 +124,7 @@ def pooled_table(evaluations: Sequence[Evaluation]) -> str:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class _Comparison:
     """Evaluations of the same episodes, compared.
 
     Attributes:
@@ -177,7 +176,7 @@ class Comparison:
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
-def compare(evaluations: Sequence[Evaluation]) -> Comparison:
+def compare(evaluations: Sequence[Evaluation]) -> _Comparison:
     """Compare evaluations of the same episodes.
 
     Raises:
@@ -200,7 +199,7 @@ def compare(evaluations: Sequence[Evaluation]) -> Comparison:
         notes.append("the rewards differ, so returns and reward terms are left out")
         names = [name for name in names if name != "return" and not name.startswith("reward/")]
     units = {name: unit for item in reversed(evaluations) for name, unit in item.units.items()}
-    return Comparison(
+    return _Comparison(
         evaluations,
         {
             name: {

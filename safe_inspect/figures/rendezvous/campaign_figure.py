@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -57,8 +56,7 @@ def campaign_figure(evaluation: Evaluation) -> Figure:
 
 
 def _causes(evaluation: Evaluation) -> str:
-    texts = [] if evaluation.causes is None else evaluation.causes.tolist()
-    causes = Counter(cause for cause in texts if cause).most_common()
+    causes = evaluation.losses
     named = [f"{times} failed: {cause}" for cause, times in causes[:_MOST_CAUSES]]
     rest = sum(times for _, times in causes[_MOST_CAUSES:])
     return "; ".join([*named, f"{rest} for other causes"] if rest else named)
