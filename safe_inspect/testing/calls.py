@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.config.spec import EnvironmentSpec
+from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.platforms.base import Part
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
-from safe_inspect.testing.flights import Flown, fly_twice, take_rows
+from safe_inspect.testing.flights import Flown, fly, take_rows
 from safe_inspect.testing.report import WRITES, Report
 from safe_inspect.testing.samples import ROWS, sample_steps, team_sizes
 from safe_inspect.types import AnyArray, FloatArray
@@ -263,9 +264,14 @@ def check_alone(
         remedy: How to fix it.
         report: The report.
     """
-    for together, alone in fly_twice(spec):
-        whole = values(together)
-        for name, array in values(alone).items():
-            if array.tobytes() != whole[name].tobytes():
-                report.add("row-wise", f"after {alone.step.after.step[0]} steps {problem.format(name)}", remedy)
-                return
+    batch, length = 5, 12
+    together = fly(TeamEnvironment(spec, batch, seed=1), length=length)
+    for slot in (0, batch - 1):
+        alone = fly(TeamEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
+        row = np.array([slot])
+        for one, single in zip(together, alone, strict=True):
+            whole = values(Flown(take_rows(one.step, row), one.status[row], one.over[row]))
+            for name, array in values(single).items():
+                if array.tobytes() != whole[name].tobytes():
+                    report.add("row-wise", f"after {single.step.after.step[0]} steps {problem.format(name)}", remedy)
+                    return

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.rta.constraints.base import RelativeState
@@ -73,17 +72,6 @@ def fly(environment: TeamEnvironment, first_slot: int = 0, length: int = LENGTH)
         if over.any():
             environment.reset(np.flatnonzero(over))
     return flown
-
-
-def fly_twice(spec: EnvironmentSpec) -> Iterator[tuple[Flown, Flown]]:
-    """Run a batch, and then some of its environments alone; yield each step of these from both flights."""
-    batch, length = 5, 12
-    together = fly(TeamEnvironment(spec, batch, seed=1), length=length)
-    for slot in (0, batch - 1):
-        alone = fly(TeamEnvironment(spec, 1, seed=1, first_slot=slot), first_slot=slot, length=length)
-        row = np.array([slot])
-        for whole, single in zip(together, alone, strict=True):
-            yield Flown(take_rows(whole.step, row), whole.status[row], whole.over[row]), single
 
 
 def take_rows(given: Given, rows: AnyArray, agent: int | None = None) -> Given:

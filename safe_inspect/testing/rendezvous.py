@@ -150,7 +150,8 @@ def _check_front_end(plugin: FrontEnd, report: Report) -> None:
 
 def _check_tracker(plugin: Tracker, report: Report) -> None:
     """Check a tracker: a force within the limits, the same for the same sequence of estimates."""
-    plan, query, limits = _plan(), _bound_query(), TrackingLimits()
+    plan, limits = _plan(), TrackingLimits()
+    query = BoundQuery(plan, _target().principal, EstimateErrors(0.005, 0.0005), 1.0, 0.5)
     bound = ConformalBound()(query, _streams())
     far = np.ones(len(plan.times))
     design = plugin.design(DesignRequest(plan, bound, far, Axis(query.mass), limits, 3e-3, 5))
@@ -237,10 +238,6 @@ def _still_query(side: float) -> PlanQuery:
 @functools.cache
 def _plan() -> Plan:
     return SplineSCPPlanner()(_query())
-
-
-def _bound_query() -> BoundQuery:
-    return BoundQuery(_plan(), _target().principal, EstimateErrors(0.005, 0.0005), 1.0, 0.5)
 
 
 def _arrays(target: Target) -> list[AnyArray]:
