@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from safe_inspect.simulators.resets.parameters import Draw, Value
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SafetyReport:
     """Result of a run against adversaries.
 
@@ -28,17 +28,17 @@ class SafetyReport:
         units: Unit of the plain safety quantity of each constraint.
         filtered: Whether the filter was on.
         steps: Number of steps, over all environments.
-        starts_refused: Number of initial states that violate a constraint.
+        moments: Number of moments within holds that were checked.
+        step_size: Length of a step [s].
         least_at_steps: Smallest plain safety quantity at the start and end of holds, shape (C,).
         least_between: Smallest plain safety quantity at moments within holds, shape (C,).
         violations_at_steps: Number of steps with a negative quantity at their end, shape (C,).
         violations_between: Number of moments within holds with a negative quantity, shape (C,).
-        moments: Number of moments within holds that were checked.
         interventions: Number of steps in which the filter changed the thrust, by adversary, shape (K,).
         flown: Number of steps of each adversary, shape (K,).
-        infeasible: Number of steps in which the filter could not guarantee safety.
         ends: Number of episodes that ended, by `DoneStatus`, shape (4,).
-        step_size: Length of a step [s].
+        starts_refused: Number of initial states that violate a constraint.
+        infeasible: Number of steps in which the filter could not guarantee safety.
         worst: Quantities, over the steps, of the environment that came nearest to a violation, shape (T, C).
     """
 
@@ -46,18 +46,18 @@ class SafetyReport:
     units: tuple[str, ...]
     filtered: bool
     steps: int
-    starts_refused: int
+    moments: int
+    step_size: float
     least_at_steps: FloatArray
     least_between: FloatArray
     violations_at_steps: IntArray
     violations_between: IntArray
-    moments: int
     interventions: IntArray
     flown: IntArray
-    infeasible: int
     ends: IntArray
-    step_size: float
-    worst: AnyArray
+    starts_refused: int = 0
+    infeasible: int = 0
+    worst: AnyArray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def violations(self) -> int:
@@ -114,88 +114,66 @@ def safety_report(
     glues = [glue for glue in spec.agents[0].action_glues if isinstance(glue, SafetyGlue)]
     if not glues:
         raise ConfigError(f"the agent {spec.agents[0].name!r} has no safety glue; wrap its controllers in one")
-    num_envs = min(num_envs, steps)
+    glue, num_envs = glues[0], min(num_envs, steps)
     holds = -(-steps // num_envs)
     environment = BatchedEnvironment(spec, num_envs, seed=seed)
     environment.reset()
-    watch = _Watch(glues[0], environment, substeps)
+    simulation, world = environment.simulation, environment.simulation.world
+    names = tuple(glue.safety(glue.states(environment.state)))
+
+    def checked(states: dict[str, FloatArray], least: FloatArray, violations: IntArray) -> FloatArray:
+        """Return the quantities of some states, shape (N, C), and count the violations among them."""
+        phi = np.stack(list(glue.safety(states).values()), axis=1)
+        np.minimum(least, phi.min(axis=0), out=least)
+        violations += (phi < 0.0).sum(axis=0)
+        return phi
+
+    count, kinds = len(names), len(ADVERSARIES)
+    report = SafetyReport(
+        names=names,
+        units=tuple(glue.units.get(name, "-") for name in names),
+        filtered=glue.enabled,
+        steps=holds * num_envs,
+        moments=holds * num_envs * (substeps - 1),
+        step_size=spec.step_size,
+        least_at_steps=np.full(count, np.inf),
+        least_between=np.full(count, np.inf),
+        violations_at_steps=np.zeros(count, dtype=np.int64),
+        violations_between=np.zeros(count, dtype=np.int64),
+        interventions=np.zeros(kinds, dtype=np.int64),
+        flown=np.zeros(kinds, dtype=np.int64),
+        ends=np.zeros(4, dtype=np.int64),
+    )
     slots = np.arange(num_envs)
-    kinds = slots % len(ADVERSARIES)
-    layout = environment.action_layout
-    interventions, flown = np.zeros((2, len(ADVERSARIES)), dtype=np.int64)
-    ends = np.zeros(4, dtype=np.int64)
-    infeasible = 0
-    history = [watch.check(watch.states())]
-    watch.violations[:] = 0  # those at the start are counted apart
-    refused = int((history[0] < 0.0).any(axis=1).sum())
+    adversary, layout = slots % kinds, environment.action_layout
+    trace = np.empty((holds + 1, num_envs, count), dtype=np.float32)
+    trace[0] = checked(glue.states(environment.state), report.least_at_steps, report.violations_at_steps)
+    report.violations_at_steps[:] = 0  # those at the start are counted apart
+    report.starts_refused = int((trace[0] < 0.0).any(axis=1).sum())
     for hold in range(holds):
         share = adversarial_thrust(environment.view(), hold, slots, seed)
         action = np.tile(layout.low, (num_envs, 1))  # the shortest coasting, where an action sets it
         thrust = action[:, : share.shape[1]]
         thrust += 0.5 * (share + 1.0) * (layout.high - layout.low)[: share.shape[1]]
         transition = environment.step((np.rint(action) if layout.choices else action)[:, None])
-        history.append(watch.end(environment.simulation.flown[:, 0]))
-        flown += np.bincount(kinds, minlength=len(ADVERSARIES))
-        interventions += np.bincount(kinds[transition.step.intervening], minlength=len(ADVERSARIES))
+        for part in range(1, substeps):
+            time = world.step_size * part / substeps
+            within = glue.states_within(simulation.before, world, simulation.flown[:, 0], time)
+            checked(within, report.least_between, report.violations_between)
+        trace[hold + 1] = checked(glue.states(environment.state), report.least_at_steps, report.violations_at_steps)
+        report.flown += np.bincount(adversary, minlength=kinds)
+        report.interventions += np.bincount(adversary[transition.step.intervening], minlength=kinds)
         if transition.step.filtered is not None:
-            infeasible += int(transition.step.filtered.infeasible.sum())
+            report.infeasible += int(transition.step.filtered.infeasible.sum())
         done = np.flatnonzero(transition.done[:, 0])
         if len(done):
-            ends += np.bincount(transition.status[done, 0], minlength=4)
+            report.ends += np.bincount(transition.status[done, 0], minlength=4)
             environment.reset(done)
         if progress is not None:
             progress((hold + 1) * num_envs, holds * num_envs)
-    trace = np.stack(history)
     scale = np.median(np.abs(trace), axis=(0, 1)) + 1e-12
-    row = int(np.argmin((trace / scale).min(axis=(0, 2))))
-    return SafetyReport(
-        names=watch.names,
-        units=tuple(glues[0].units.get(name, "-") for name in watch.names),
-        filtered=glues[0].enabled,
-        steps=holds * num_envs,
-        starts_refused=refused,
-        least_at_steps=watch.least[0],
-        least_between=watch.least[1],
-        violations_at_steps=watch.violations[0],
-        violations_between=watch.violations[1],
-        moments=holds * num_envs * (substeps - 1),
-        interventions=interventions,
-        flown=flown,
-        infeasible=infeasible,
-        ends=ends,
-        step_size=spec.step_size,
-        worst=trace[:, row],
-    )
-
-
-class _Watch:
-    """Checks of the constraints along the holds, in double precision; the returned history is in single precision."""
-
-    def __init__(self, glue: SafetyGlue, environment: BatchedEnvironment, substeps: int) -> None:
-        self._glue, self._environment, self._substeps = glue, environment, substeps
-        self.names = tuple(glue.safety({name: array[:1] for name, array in self.states().items()}))
-        # In the first row at the steps, in the second one between them.
-        self.least = np.full((2, len(self.names)), np.inf)
-        self.violations = np.zeros((2, len(self.names)), dtype=np.int64)
-
-    def check(self, states: dict[str, FloatArray], *, between: bool = False) -> AnyArray:
-        """Check states and return their safety quantities, shape (N, C)."""
-        phi = np.stack(list(self._glue.safety(states).values()), axis=1)
-        self.least[int(between)] = np.minimum(self.least[int(between)], phi.min(axis=0))
-        self.violations[int(between)] += (phi < 0.0).sum(axis=0)
-        return phi.astype(np.float32)
-
-    def end(self, control: FloatArray) -> AnyArray:
-        """Check the hold that has just ended, and return the safety quantities at its end, shape (N, C)."""
-        before, world = self._environment.simulation.before, self._environment.simulation.world
-        for part in range(1, self._substeps):
-            time = world.step_size * part / self._substeps
-            self.check(self._glue.states_within(before, world, control, time), between=True)
-        return self.check(self.states())
-
-    def states(self) -> dict[str, FloatArray]:
-        """Return the current states by name, as the safety glue takes them."""
-        return self._glue.states(self._environment.state)
+    report.worst = trace[:, int(np.argmin((trace / scale).min(axis=(0, 2))))]
+    return report
 
 
 @dataclass(frozen=True, eq=False)
