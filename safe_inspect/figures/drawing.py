@@ -129,11 +129,6 @@ def clock(episode: Trajectory) -> tuple[float, str]:
     return (3600.0, "h") if episode.time[-1] >= 86_400.0 else (60.0, "min")
 
 
-def radius_of(episode: Trajectory) -> float:
-    """Return the radius of the sphere of points [m]."""
-    return float(np.sqrt(np.square(episode.points).sum(axis=-1)).max(initial=0.0))
-
-
 def reach_of(episode: Trajectory) -> float:
     """Return the largest range that is shown [m].
 
@@ -147,13 +142,6 @@ def reach_of(episode: Trajectory) -> float:
 def ending(episode: Trajectory) -> str:
     """Return how an episode ended, in words; empty while it is running."""
     return _ENDINGS.get(episode.status, "")
-
-
-def time_norm(episode: Trajectory) -> Any:
-    """Return the colour scale of time, in the figure's unit of time."""
-    from matplotlib.colors import Normalize
-
-    return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
 
 
 def speed_limit_of(episode: Trajectory) -> FloatArray | None:

@@ -1,4 +1,4 @@
-"""`Film`: the pictures of an animated episode, and `Moment`, an episode at one time."""
+"""`Film`: the pictures of an animated episode, and `moment`, an episode at one time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from scipy.interpolate import CubicHermiteSpline
 
 from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
 from safe_inspect.evaluation.results.recorder import Trajectory
-from safe_inspect.figures.drawing import clock, deputy_line, radius_of, reach_of, speed_limit_of
+from safe_inspect.figures.drawing import clock, deputy_line, reach_of, speed_limit_of
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii
 from safe_inspect.geometry import picture
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.tasks.inspection.sun import sun_directions
 from safe_inspect.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
-class Moment:
+class _Moment:
     """An episode at one time.
 
     Attributes:
@@ -45,7 +46,7 @@ class Moment:
     eclipse: bool
 
 
-def moment(episode: Trajectory, time: float) -> Moment:
+def moment(episode: Trajectory, time: float) -> _Moment:
     """Return an episode at a time [s]; between two recorded states the deputies follow a cubic.
 
     The cubic has the recorded positions and velocities at its ends.
@@ -66,17 +67,17 @@ def moment(episode: Trajectory, time: float) -> Moment:
     last = row + 1 if u >= 1.0 else row
     eclipse = "sunlight" in episode.arrays and bool(episode.sunlight[last] < 0.5)
     seen = episode.inspected_at <= time
-    return Moment(time, position, episode.delta_v[last], sun, seen, lit & (not eclipse), points, last, eclipse)
+    return _Moment(time, position, episode.delta_v[last], sun, seen, lit & (not eclipse), points, last, eclipse)
 
 
 _NEAREST = 0.1  # smallest range that is drawn [m]
 
 
-class ChiefView:
+class _ChiefView:
     """View of the chief from the scene's side and from behind: its day side, and which points have been inspected."""
 
     def __init__(self, figure: Any, episode: Trajectory) -> None:
-        self._episode, self._radius = episode, radius_of(episode)
+        self._episode, self._radius = episode, episode.radius
         self._sides = []
         outline, look = picture.circle(self._radius).T, {"linestyle": "", "marker": "o"}
         colours = [deputy_line(index)["color"] for index in range(len(episode.deputies))]
@@ -114,7 +115,7 @@ class ChiefView:
             columnspacing=0.9, borderpad=0.0,
         )  # fmt: skip
 
-    def show(self, now: Moment, front: picture.Camera) -> None:
+    def show(self, now: _Moment, front: picture.Camera) -> None:
         """Draw the chief at a moment."""
         cameras = front, picture.Camera.along(-front.sight)
         for camera, (day, waiting, lit, owners) in zip(cameras, self._sides, strict=True):
@@ -128,7 +129,7 @@ class ChiefView:
                 dots.set_data(*flat[near & now.seen & (self._episode.inspector == index)].T)
 
 
-class ApproachView:
+class _ApproachView:
     """View of speed over range (logarithmic), with the speed limit and the docking region if the task has them."""
 
     def __init__(self, figure: Any, episode: Trajectory) -> None:
@@ -154,7 +155,7 @@ class ApproachView:
         parts = {"speed limit (dashed)": self._limit is not None, "docking region (grey)": episode.docking_radius > 0.0}
         axes.set_title(", ".join(part for part, drawn in parts.items() if drawn), pad=3.0, fontsize=8)
 
-    def show(self, now: Moment, front: picture.Camera) -> None:
+    def show(self, now: _Moment, front: picture.Camera) -> None:
         """Draw the speeds so far; between two recorded states the last recorded speed is shown."""
         for index, (line, dot) in enumerate(zip(self._lines, self._dots, strict=True)):
             far, fast = self._range[: now.row + 1, index], self._episode.speed[: now.row + 1, index]
@@ -183,13 +184,13 @@ class Film(Pictures):
         self.episode = episode
         self._turn = turn
         self._inspects = bool(len(episode.points)) and "sun_angle" in episode.arrays
-        self._radius = radius_of(episode) or episode.docking_radius
+        self._radius = episode.radius or episode.docking_radius
         super().__init__(frames, width)
 
     def _build(self, figure: Any) -> None:
         self._build_scene(figure)
-        view = ChiefView if self._inspects else ApproachView
-        self._side: ChiefView | ApproachView = view(figure, self.episode)
+        view = _ChiefView if self._inspects else _ApproachView
+        self._side: _ChiefView | _ApproachView = view(figure, self.episode)
         self._build_panels(figure)
 
     def _build_scene(self, figure: Any) -> None:
@@ -284,11 +285,11 @@ class Film(Pictures):
         self._side.show(now, front)
         self._write_counters(now)
 
-    def _write_counters(self, now: Moment) -> None:
+    def _write_counters(self, now: _Moment) -> None:
         episode = self.episode
         scale, unit = clock(episode)
         time = np.append(episode.time[: now.row + 1], now.time) / scale
-        far = np.sqrt(np.square(now.position).sum(axis=-1))
+        far = lengths(now.position)
         count = int(now.seen.sum())
         counters = (
             f"{now.time / scale:.1f} {unit}",

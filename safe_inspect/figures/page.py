@@ -17,8 +17,9 @@ import numpy as np
 
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.results.recorder import Trajectory
-from safe_inspect.figures.drawing import AXIS_COLOURS, clock, deputy_line, ending, radius_of, reach_of, speed_limit_of
+from safe_inspect.figures.drawing import AXIS_COLOURS, clock, deputy_line, ending, reach_of, speed_limit_of
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.picture import BLACK, GREY, VIEW, pieces
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray, FloatArray
@@ -81,7 +82,7 @@ def _episode_data(episode: Trajectory) -> dict[str, Any]:
     deputies = range(len(episode.deputies))
     reach = max(reach_of(episode), 1.1 * rings[-1])
     turns = "orientation" in episode.arrays
-    radius = radius_of(episode) or episode.docking_radius or 1.0
+    radius = episode.radius or episode.docking_radius or 1.0
     return {
         "view": {"azimuth": VIEW["azim"], "elevation": VIEW["elev"]},
         "most_zoom": 2.0 * reach / radius,
@@ -115,7 +116,7 @@ def _charts(episode: Trajectory) -> list[dict[str, Any]]:
     deputies = range(len(episode.deputies))
     several = len(episode.deputies) > 1
     lines = [_look(index) for index in deputies]
-    limit, norm = speed_limit_of(episode), np.sqrt(np.square(episode.thrust).sum(axis=-1))
+    limit, norm = speed_limit_of(episode), lengths(episode.thrust)
 
     def all_of(values: FloatArray, digits: int, **more: Any) -> list[dict[str, Any]]:
         return [{**line, **more, "values": rounded(values[:, i], digits)} for i, line in enumerate(lines)]
@@ -163,12 +164,12 @@ def chart(label: str, lines: list[dict[str, Any]], low: float | None = None, hig
 
 def _burns(episode: Trajectory, deputy: int) -> list[dict[str, Any]]:
     """Return a deputy's largest burns: the step of each, and its stroke as a multiple of the outer ring's radius."""
-    largest = float(np.sqrt(np.square(episode.thrust).sum(axis=-1)).max(initial=0.0))
+    largest = float(lengths(episode.thrust).max(initial=0.0))
     found = []
     steps = largest_burns(episode, deputy)
     for step in steps:
         thrust = episode.thrust[step, deputy]
-        size = float(np.sqrt(np.square(thrust).sum()))
+        size = float(lengths(thrust))
         drawn = thrust / size * stroke(size / largest, len(steps) <= FEW_BURNS)
         found.append({"step": int(step), "thrust": rounded(drawn, 4)})
     return found

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.results.recorder import Trajectory
-from safe_inspect.figures.drawing import Figure, deputy_line, radius_of, reach_of
+from safe_inspect.figures.drawing import Figure, deputy_line, reach_of
+from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VIEW, pieces, ring, sun_arrow
 from safe_inspect.types import FloatArray
 
@@ -28,7 +29,7 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
     axes.view_init(**VIEW)
     axes.set_proj_type("ortho")
     reach = reach_of(episode)
-    radius, rings = radius_of(episode), ring_radii(reach)
+    radius, rings = episode.radius, ring_radii(reach)
     _draw_rings(axes, rings, radius)
     if radius:
         _draw_chief(axes, radius)
@@ -108,7 +109,7 @@ def stroke(size: Any, few: bool) -> Any:
 
 def _draw_burns(axes: Any, episode: Trajectory, ring: float) -> None:
     """Draw a stroke in the direction of the thrust for every burn; larger burns have longer strokes."""
-    norm = np.sqrt(np.square(episode.thrust).sum(axis=-1))
+    norm = lengths(episode.thrust)
     if not norm.any():
         return
     for deputy in range(len(episode.deputies)):
@@ -137,7 +138,7 @@ def _draw_cameras(axes: Any, episode: Trajectory, ring: float) -> None:
         shown = steps[episode.range[steps, deputy] <= 1.2 * ring]
         foot, look = episode.position[shown, deputy], episode.boresight[shown, deputy]
         across = np.cross(look, FRONT.sight)  # approximate outline of the cone in the picture
-        across /= np.maximum(np.sqrt(np.square(across).sum(axis=-1, keepdims=True)), 1e-9)
+        across /= np.maximum(lengths(across)[:, None], 1e-9)
         for turn, width in ((0.0, 0.9), (half, 0.5), (-half, 0.5)):
             tip = foot + 0.12 * ring * (np.cos(turn) * look + np.sin(turn) * across)
             gaps = np.stack((foot, tip, np.full_like(foot, np.nan)), axis=1).reshape(-1, 3)
@@ -167,7 +168,7 @@ def _fit(axes: Any, episode: Trajectory, ring: float) -> None:
     """Give the three axes the same scale, with space for the trajectories, the chief and the outermost ring."""
     near = episode.range <= reach_of(episode)
     ways = episode.position[near]
-    reach = np.array([ring, ring, max(radius_of(episode), 0.45 * ring)])
+    reach = np.array([ring, ring, max(episode.radius, 0.45 * ring)])
     low, high = np.minimum(ways.min(axis=0), -reach), np.maximum(ways.max(axis=0), reach)
     pad = 0.03 * (high - low).max()
     low, high = low - pad, high + pad

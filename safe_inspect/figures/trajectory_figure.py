@@ -15,10 +15,8 @@ from safe_inspect.figures.drawing import (
     deputy_line,
     ending,
     new_figure,
-    radius_of,
     reach_of,
     speed_limit_of,
-    time_norm,
 )
 from safe_inspect.figures.scene import draw_scene
 from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, FRONT, GREY, PALE, VERMILION, Camera, circle, pieces
@@ -54,7 +52,7 @@ def trajectory_figure(episode: Trajectory) -> Figure:
 
 def _draw_chief(figure: Figure, episode: Trajectory) -> None:
     """Draw the chief from two opposite sides, so that every point is visible, and a legend of the colours."""
-    radius = radius_of(episode)
+    radius = episode.radius
     seen = np.isfinite(episode.inspected_at)
     several = len(episode.deputies) > 1
     ink = BLACK if several else VERMILION
@@ -92,8 +90,15 @@ def _deputy_marker(index: int) -> str:
 def _by_time(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
     when = episode.inspected_at[shown] / clock(episode)[0]
     axes.scatter(
-        *flat[shown].T, c=when, cmap=SEQUENTIAL, norm=time_norm(episode), s=22, edgecolors="white", linewidths=0.4
+        *flat[shown].T, c=when, cmap=SEQUENTIAL, norm=_time_norm(episode), s=22, edgecolors="white", linewidths=0.4
     )
+
+
+def _time_norm(episode: Trajectory) -> Any:
+    """Return the colour scale of time, in the figure's unit of time."""
+    from matplotlib.colors import Normalize
+
+    return Normalize(0.0, float(episode.time[-1]) / clock(episode)[0])
 
 
 def _by_inspector(axes: Any, episode: Trajectory, flat: FloatArray, shown: BoolArray) -> None:
@@ -110,7 +115,7 @@ def _time_key(figure: Figure, episode: Trajectory) -> None:
 
     place = figure.add_axes((0.40, 0.05, 0.012, 0.185))
     label = f"inspected at [{clock(episode)[1]}]"
-    bar = figure.colorbar(ScalarMappable(time_norm(episode), SEQUENTIAL), cax=place, label=label)
+    bar = figure.colorbar(ScalarMappable(_time_norm(episode), SEQUENTIAL), cax=place, label=label)
     bar.outline.set_linewidth(0.5)  # type: ignore[operator]
 
 

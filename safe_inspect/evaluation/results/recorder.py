@@ -95,6 +95,11 @@ class Trajectory:
         return lengths(self.velocity)
 
     @property
+    def radius(self) -> float:
+        """Radius of the sphere of points [m]; 0 in a task without points."""
+        return float(lengths(self.points).max(initial=0.0))
+
+    @property
     def coverage(self) -> FloatArray:
         """Fraction of the points inspected so far [-], shape (T + 1,); NaN where there are no points."""
         return self._inspected_share(self.inspected_at)

@@ -43,7 +43,13 @@ def estimate_figure(log: SensorLog, estimate: LogEstimate) -> Figure:
         for axis, colour in enumerate(_AXIS_COLOURS):
             axes.plot(middles, measured[:, axis], ".", markersize=3, color=colour)
             axes.plot(times, fitted[:, axis], color=colour, label=f"axis {axis + 1}")
-        _explain_rates(axes, log, estimate)
+        if log.truth is not None and estimate.target.aligned:
+            rates = np.rad2deg(log.truth[:, TRUTH_PARTS["rate"]])
+            axes.plot(log.times, rates, color=BLACK, linewidth=0.8, linestyle="--")
+        axes.set_ylabel("rate in T [deg/s]")
+        axes.set_title("angular velocity: motion (lines), over 5 s (dots), truth (dashed)")
+        axes.margins(y=0.18)
+        axes.legend(loc="lower right", ncols=3)
         _draw_attitude(figure.add_axes((0.58, 0.09, 0.4, 0.36)), log, estimate)
     return figure
 
@@ -106,17 +112,6 @@ def _project(log: SensorLog, points: FloatArray) -> FloatArray:
     fx, fy, cx, cy = log.description.camera.geometry.intrinsics
     depth = np.maximum(points[:, 2], 1e-3)
     return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1)
-
-
-def _explain_rates(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:
-    """Add the true rates, if the log has them, and the texts of the panel."""
-    if log.truth is not None and estimate.target.aligned:
-        rates = np.rad2deg(log.truth[:, TRUTH_PARTS["rate"]])
-        axes.plot(log.times, rates, color=BLACK, linewidth=0.8, linestyle="--")
-    axes.set_ylabel("rate in T [deg/s]")
-    axes.set_title("angular velocity: motion (lines), over 5 s (dots), truth (dashed)")
-    axes.margins(y=0.18)
-    axes.legend(loc="lower right", ncols=3)
 
 
 def _draw_attitude(axes: Any, log: SensorLog, estimate: LogEstimate) -> None:

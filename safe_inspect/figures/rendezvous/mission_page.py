@@ -20,8 +20,6 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     DrawnSolid,
     best_view,
     camera_cone,
-    chaser_solid,
-    target_solid,
 )
 from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.missions.record import MissionRecord
@@ -48,7 +46,7 @@ def mission_data(record: MissionRecord) -> dict[str, Any]:
 
     Positions are rounded to 0.1 mm, quaternions to 1e-5.
     """
-    arrays, solid, radius = record.arrays, target_solid(record), record.config.chaser.radius
+    arrays, solid, radius = record.arrays, DrawnSolid.of_target(record), record.config.chaser.radius
     count = len(arrays["t"])
     rows = np.unique(np.append(np.arange(0, count, -(-count // _MOST_STATES)), count - 1))
     shown = slice(record.approach(), None)
@@ -79,7 +77,7 @@ def mission_data(record: MissionRecord) -> dict[str, Any]:
             for plan in record.plans
         ],
         "target": {**_solid(solid), "radius": round(record.target.swept_radius, 4)},
-        "chaser": {**_solid(chaser_solid(radius)), "radius": radius, "cone": rounded(camera_cone(record), 4)},
+        "chaser": {**_solid(DrawnSolid.of_chaser(record)), "radius": radius, "cone": rounded(camera_cone(record), 4)},
         "mating_point": rounded(record.target.mating_point, 4),
         "bands": [
             {"start": start, "end": end, "name": phase.value, "colour": PHASE_COLOURS.get(phase, GREY)}

@@ -66,6 +66,19 @@ class DrawnSolid(NamedTuple):
         parts = surface.corners, np.concatenate(patches), np.concatenate(normals), pieces
         return cls(*(part @ rotation.T for part in parts))
 
+    @classmethod
+    def of_target(cls, record: MissionRecord) -> DrawnSolid:
+        """Return the target's known shape in T."""
+        target = record.target
+        return cls.of(MeshSurface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
+
+    @classmethod
+    def of_chaser(cls, record: MissionRecord) -> DrawnSolid:
+        """Return the cube, in B, that is inscribed in the sphere that encloses the chaser."""
+        half = record.config.chaser.radius / np.sqrt(3.0)
+        cube = mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
+        return cls.of(MeshSurface(cube), np.eye(3), half)
+
     def hides(self, points: FloatArray, sight: FloatArray) -> BoolArray:
         """Return which points, shape (..., 3), the surface hides from a distant viewer in the direction `sight`.
 
@@ -130,19 +143,6 @@ def best_view(path: FloatArray, solid: DrawnSolid, rotation: FloatArray) -> Came
         return float(shown + 2.0 * np.linalg.norm(view.flat(path[-1])))
 
     return max((Camera.at(e, a) for e in (20.0, 35.0) for a in range(-180, 180, 15)), key=seen)
-
-
-def target_solid(record: MissionRecord) -> DrawnSolid:
-    """Return the target's known shape in T."""
-    target = record.target
-    return DrawnSolid.of(MeshSurface(target.shape), target.R_MT.T, target.swept_radius / 12.0)
-
-
-def chaser_solid(radius: float) -> DrawnSolid:
-    """Return the cube, in B, that is inscribed in the sphere of a given radius [m], which encloses the chaser."""
-    half = radius / np.sqrt(3.0)
-    cube = mesh_of_boxes(aligned_boxes(np.zeros((1, 3)), np.full((1, 3), half)))
-    return DrawnSolid.of(MeshSurface(cube), np.eye(3), half)
 
 
 def camera_cone(record: MissionRecord) -> FloatArray:
@@ -219,7 +219,7 @@ class SceneArtists:
             self._centre = np.einsum("kji,kj->ki", self._attitude, self._centre)
         self._radius = record.config.chaser.radius
         self._mating_point = record.target.mating_point
-        self._target, self._chaser = target_solid(record), chaser_solid(self._radius)
+        self._target, self._chaser = DrawnSolid.of_target(record), DrawnSolid.of_chaser(record)
         self._cone = camera_cone(record)
 
         def faces(place: float) -> Any:
