@@ -75,35 +75,34 @@ class MetricAccumulator:
     """
 
     def __init__(self, environment: TeamEnvironment, metrics: Sequence[BaseMetric]) -> None:
-        self._environment = environment
         rows, deputies = environment.num_envs, len(environment.agents)
         self._own = [_Values(metric, rows, deputies) for metric in metrics if isinstance(metric, Metric)]
         self._team = [_Values(metric, rows, 1) for metric in metrics if isinstance(metric, TeamMetric)]
 
-    def go_on(self, environment: TeamEnvironment, chosen: IntArray) -> None:
-        """Continue with some of the current environments; see `EpisodeCollector.go_on`."""
-        self._environment = environment
-        for values in (*self._own, *self._team):
-            values.go_on(chosen)
-
     @names_writers
-    def add(self, transition: TeamTransition, running: BoolArray) -> None:
-        """Measure a step in the rows whose episode is running, a mask of shape (N,)."""
-        environment = self._environment
+    def add(self, environment: TeamEnvironment, rows: IntArray, transition: TeamTransition, running: BoolArray) -> None:
+        """Measure a step of the batch, or of a smaller batch of some of its rows.
+
+        Args:
+            environment: The batch that was stepped, of R rows.
+            rows: Their indices in the batch after the reset, shape (R,).
+            transition: The step.
+            running: Mask of those whose episode is running, shape (R,).
+        """
         for group, found in zip(environment.groups, transition.groups, strict=True) if self._own else ():
             mine = slice(group.first, group.first + group.size)
             counts = found.active & running[:, None]
             ends = counts & ((found.status != 0) | transition.over[:, None])
             for values in self._own:
-                values.add(mine, found.step, counts)
+                values.add((rows, mine), found.step, counts)
                 if ends.any():
-                    values.conclude(mine, found.step, ends)
+                    values.conclude((rows, mine), found.step, ends)
         if self._team:
             world = environment.simulation.world
             before, after = TeamView(environment.simulation.before, world), TeamView(environment.state, world)
             step = TeamStep(before, after, {}, after.finished, world.step_size, {})
             for values in self._team:
-                values.add(slice(None), step, running[:, None])
+                values.add((rows, slice(None)), step, running[:, None])
 
     def of_agent(self, deputy: int) -> dict[str, FloatArray]:
         """Return the metrics of an agent, given its index among all agents, each of shape (N,)."""
@@ -133,39 +132,32 @@ class _Values:
         self.metric = metric
         self._kept: FloatArray = np.full((rows, columns), np.nan)
         self._count: IntArray = np.zeros((rows, columns), dtype=np.int64)
-        self._rows: IntArray = np.arange(rows)
 
     @property
     def reduced(self) -> FloatArray:
         """The reduced values so far, shape (N, D)."""
         return self._kept / np.maximum(self._count, 1) if self.metric.reduce == "mean" else self._kept
 
-    def go_on(self, chosen: IntArray) -> None:
-        """Continue with some of the environments; see `EpisodeCollector.go_on`."""
-        self._rows = self._rows[chosen]
-
-    def add(self, columns: slice, step: Any, counts: BoolArray) -> None:
-        """Add the values of a step where `counts` is true, a mask of shape (N, G).
+    def add(self, place: tuple[IntArray, slice], step: Any, counts: BoolArray) -> None:
+        """Add the values of a step where `counts` is true, a mask of shape (R, G), given its rows and columns.
 
         Raises:
             PluginValueError: A value is infinite, or has a wrong shape.
         """
         value = _checked(self.metric, self.metric(step), counts.shape)
-        place = (self._rows, columns)
         kept, counts = self._kept[place], counts & ~np.isnan(value)
         both = _COMBINED[self.metric.reduce](kept, value)
         self._kept[place] = np.where(counts, np.where(np.isnan(kept), value, both), kept)
         self._count[place] += counts
 
-    def conclude(self, columns: slice, step: Step, ends: BoolArray) -> None:
-        """Let the metric replace the values of the episodes that end with a step, given by a mask of shape (N, G).
+    def conclude(self, place: tuple[IntArray, slice], step: Step, ends: BoolArray) -> None:
+        """Let the metric replace the values of the episodes that end with a step, given by a mask of shape (R, G).
 
         Raises:
             PluginValueError: A value is infinite, or has a wrong shape.
         """
         if not isinstance(self.metric, Metric) or type(self.metric).conclude is Metric.conclude:
             return
-        place = (self._rows, columns)
         value = _checked(self.metric, self.metric.conclude(self.reduced[place].reshape(-1), step), ends.shape)
         if self.metric.reduce == "mean":
             value = value * self._count[place]

@@ -72,7 +72,6 @@ def accumulated(raw: dict[str, Any], measured: list[Any], leaves: bool) -> Metri
             chosen = np.flatnonzero(running)
             rows = rows[chosen]
             batch = environment(rows, step)
-            found.go_on(batch, chosen)
             running = raw["whole"][rows] > step
         over = raw["whole"][rows] == step + 1
         parts = []
@@ -84,7 +83,7 @@ def accumulated(raw: dict[str, Any], measured: list[Any], leaves: bool) -> Metri
                 values=raw["own"][:, step, rows, mine].reshape(5, -1), extra=np.repeat(raw["extra"][rows], group.size)
             )
             parts.append(SimpleNamespace(active=active, status=ends.astype(np.int8), step=seen))
-        found.add(SimpleNamespace(groups=parts, over=over), running)
+        found.add(batch, rows, SimpleNamespace(groups=parts, over=over), running)
     return found
 
 

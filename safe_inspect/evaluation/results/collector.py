@@ -68,7 +68,6 @@ class EpisodeCollector:
         """
         self._environment, self._rows = environment, self._rows[chosen]
         self._sums = self._sums.part(environment, chosen)
-        self._measured.go_on(environment, chosen)
 
     def add(self, transition: TeamTransition) -> bool:
         """Add a step and return whether it ends the episodes of some rows."""
@@ -78,7 +77,7 @@ class EpisodeCollector:
         if self._closest is not None:
             apart = self._environment.team().distance.min(axis=1)
             self._closest[rows[running]] = np.minimum(self._closest[rows], apart)[running]
-        self._measured.add(transition, running)
+        self._measured.add(self._environment, rows, transition, running)
         ends = running & transition.over
         if not ends.any():
             return False
