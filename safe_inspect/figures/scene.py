@@ -36,18 +36,12 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
     for index, name in enumerate(episode.deputies):
         line, way = deputy_line(index), _shown(episode.position[:, index], reach)
         _draw_line(axes, way, radius, linewidth=1.4, label=f"deputy {name}", **line)
-        for row, face, marker in ((0, "white", "o"), (-1, line["color"], "s")):
-            axes.plot(
-                *way[row, :, None], linestyle="", marker=marker, markersize=6, markeredgecolor=line["color"], zorder=6,
-                markerfacecolor=face, markeredgewidth=1.3,
-            )  # fmt: skip
+        for row, marker in ((0, "o"), (-1, "s")):
+            _draw_mark(axes, marker, line["color"], way[row, :, None], zorder=6)
     several = len(episode.deputies) > 1
     ink = BLACK if several else deputy_line(0)["color"]
-    for face, marker, label in (("white", "o", "start"), (ink, "s", "end")):
-        axes.plot(
-            [], [], [], linestyle="", marker=marker, markersize=6, markeredgecolor=ink, markerfacecolor=face,
-            markeredgewidth=1.3, label=label,
-        )  # fmt: skip
+    for marker, label in (("o", "start"), ("s", "end")):
+        _draw_mark(axes, marker, ink, ([], [], []), label=label)
     _draw_burns(axes, episode, rings[-1])
     _draw_cameras(axes, episode, rings[-1])
     if episode.sun_direction is not None:
@@ -56,6 +50,13 @@ def draw_scene(figure: Figure, episode: Trajectory) -> None:
     names = _axes_of(episode)
     axes.set(xlabel=names[0], ylabel=names[1])
     _draw_legends(figure, axes, len(episode.deputies))
+
+
+def _draw_mark(axes: Any, marker: str, colour: str, place: Any, **look: Any) -> None:
+    """Draw the start of a trajectory, an empty circle, or its end, a square."""
+    face = colour if marker == "s" else "white"
+    edge: Any = {"markersize": 6, "markeredgecolor": colour, "markeredgewidth": 1.3}
+    axes.plot(*place, linestyle="", marker=marker, markerfacecolor=face, **edge, **look)
 
 
 def _axes_of(episode: Trajectory) -> tuple[str, str, str]:
