@@ -28,16 +28,16 @@ _MOST_NUMBERS = 10
 
 def evaluation_table(evaluation: Evaluation) -> str:
     """Return the table of an evaluation, with a block for each agent if there are several."""
-    blocks = evaluation.blocks
+    count, lines = len(evaluation), []
     rows = [
-        [_HEAD, *(_row(figure, item, len(evaluation)) for figure, item in evaluation.estimates[name].items())]
-        for name in blocks
+        [_HEAD, *(_row(figure, item, count) for figure, item in figures.items())]
+        for figures in evaluation.estimates.values()
     ]
-    lines = [f"{evaluation.label}: {len(evaluation)} episodes, {ends(evaluation.team)}"]
-    tables = iter(aligned(rows))
-    lines += next(tables)
-    for (name, block), table in zip(list(blocks.items())[1:], tables, strict=True):
-        lines += [f"{name}: {ends(block)}", *table[1:]]
+    for (name, block), table in zip(evaluation.blocks.items(), aligned(rows), strict=True):
+        if name:
+            lines += [f"{name}: {ends(block)}", *table[1:]]
+        else:
+            lines += [f"{evaluation.label}: {count} episodes, {ends(block)}", *table]
     return "\n".join([*lines, *_causes(evaluation)])
 
 
