@@ -8,13 +8,13 @@ from typing import Any
 
 from safe_inspect.cli.arguments import add_option, add_overrides, positive_number, refuse_options, seed, whole_number
 from safe_inspect.errors import SafeInspectError
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.evaluation.results.files import (
     TRAJECTORIES,
     is_evaluation,
     read_evaluation_record,
     read_trajectories,
 )
-from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
 from safe_inspect.figures.rendezvous.mission_figure import outcome_of

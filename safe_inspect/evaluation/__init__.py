@@ -2,7 +2,7 @@
 
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
 from safe_inspect.evaluation.policies import BASELINES, Flight, Policy, baseline, with_scripted
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.results.tables import evaluation_table
 from safe_inspect.evaluation.rollouts import rollout

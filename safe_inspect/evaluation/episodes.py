@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 #: The figure that is added when a reference is given: delta-v minus that of the open-loop optimum.

@@ -10,8 +10,8 @@ from typing import Any
 
 from safe_inspect.errors import OutputError
 from safe_inspect.evaluation.episodes import AgentEpisodes, Episodes
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.evaluation.results.files import UNREADABLE_PACKED, load_packed, save_packed
-from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.evaluation.task import differing_keys
 from safe_inspect.outputs import LOCK, NO_SPACE, cannot_write, exclusive, mark_folder, read_marker, remove_written
 

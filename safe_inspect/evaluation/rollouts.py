@@ -11,10 +11,10 @@ from safe_inspect.environments.decisions import FlyingRows
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.episodes import Episodes, Progress, join
 from safe_inspect.evaluation.kept import KeptEpisodes
-from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.policies import Policies, Policy, PolicyDispatcher, assign, with_scripted
+from safe_inspect.evaluation.recorder import Recorder, Trajectory
 from safe_inspect.evaluation.results.collector import EpisodeCollector
-from safe_inspect.evaluation.results.recorder import Recorder, Trajectory
+from safe_inspect.evaluation.results.measuring import check_metrics
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.base import ScriptedPolicy

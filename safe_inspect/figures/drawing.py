@@ -14,7 +14,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import OutputError, SafeInspectError
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.geometry.picture import BLACK, BLUE, DEPUTY_COLOURS, GREEN, GREY, PALE, VERMILION
 from safe_inspect.outputs import new_file
 from safe_inspect.rta.constraints.parameters import ConstraintParameters

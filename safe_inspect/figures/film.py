@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from safe_inspect.dynamics.quaternion import continuous, normalise, rotate
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.figures.drawing import clock, deputy_line, reach_of, speed_limit_of
 from safe_inspect.figures.pictures import Pictures
 from safe_inspect.figures.scene import ring_radii

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.errors import OutputError
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.figures.drawing import AXIS_COLOURS, clock, deputy_line, ending, reach_of, speed_limit_of
 from safe_inspect.figures.scene import FEW_BURNS, largest_burns, ring_radii, stroke
 from safe_inspect.geometry.distance import lengths

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.figures.drawing import Figure, deputy_line, reach_of
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.picture import BLACK, FRONT, GREY, ORANGE, PALE, VIEW, pieces, ring, sun_arrow

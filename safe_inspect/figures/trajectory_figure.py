@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.figures.drawing import (
     AXIS_COLOURS,
     SEQUENTIAL,

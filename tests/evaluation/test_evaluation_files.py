@@ -9,6 +9,7 @@ import pytest
 
 from safe_inspect.dones import DoneStatus
 from safe_inspect.evaluation.episodes import GAP, AgentEpisodes, Episodes
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.evaluation.results.files import (
     TRAJECTORIES,
     read_evaluation,
@@ -16,7 +17,6 @@ from safe_inspect.evaluation.results.files import (
     save_packed,
     write_evaluation,
 )
-from safe_inspect.evaluation.results.recorder import Trajectory
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.evaluation.results.tables import compare
 from safe_inspect.metrics.statistics import paired_difference, wilson

@@ -10,7 +10,7 @@ import pytest
 
 from safe_inspect.errors import ArgumentError, PluginValueError, SafeInspectError
 from safe_inspect.evaluation.episodes import AgentEpisodes
-from safe_inspect.evaluation.measuring import MetricAccumulator, check_metrics
+from safe_inspect.evaluation.results.measuring import MetricAccumulator, check_metrics
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.metrics import Metric
 from safe_inspect.metrics.base import BaseMetric

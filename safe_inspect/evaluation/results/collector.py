@@ -11,8 +11,8 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.environments.transition import TeamTransition
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import FIGURES, AgentEpisodes, Episodes
-from safe_inspect.evaluation.measuring import MetricAccumulator
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
+from safe_inspect.evaluation.results.measuring import MetricAccumulator
 from safe_inspect.metrics.base import BaseMetric
 from safe_inspect.types import AnyArray, FloatArray, IntArray
 

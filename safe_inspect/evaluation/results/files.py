@@ -17,7 +17,7 @@ import numpy as np
 
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import UNREADABLE_ARRAYS
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.evaluation.results.results import Block, Evaluation, EvaluationError
 from safe_inspect.outputs import new_file
 from safe_inspect.types import AnyArray

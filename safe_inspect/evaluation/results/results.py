@@ -14,7 +14,7 @@ import numpy as np
 from safe_inspect.dones.base import DoneStatus
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.episodes import FIGURES, Episodes
-from safe_inspect.evaluation.results.recorder import Trajectory
+from safe_inspect.evaluation.recorder import Trajectory
 from safe_inspect.metrics.statistics import Estimate, Interval, estimate, for_json, wilson
 from safe_inspect.types import AnyArray, FloatArray
 

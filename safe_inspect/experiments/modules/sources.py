@@ -23,11 +23,11 @@ from safe_inspect.environments.facades.vector import InspectionVectorEnv
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, KeywordError, SafeInspectError, did_you_mean
 from safe_inspect.evaluation.episodes import Episodes
-from safe_inspect.evaluation.measuring import check_metrics
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy
 from safe_inspect.evaluation.policies import BASELINES, Policies, Policy, baseline
 from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.results.files import sha256
+from safe_inspect.evaluation.results.measuring import check_metrics
 from safe_inspect.evaluation.rollouts import rollout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.evaluation.task import default_metrics, price_of, task_of
