@@ -1,7 +1,8 @@
 """How an episode is recorded: `Recorder` keeps the states of some rows of a batch, step by step, as `Trajectory`.
 
-`safe_inspect.evaluation.rollouts` records the first episodes of a rollout, and `safe_inspect.evaluation.results.files`
-writes their fields to ``trajectories.npz``.
+In `safe_inspect.evaluation.rollouts`, `rollout` records the first episodes of a rollout (`record`), and
+`record_episode` one. `safe_inspect.evaluation.results.files` writes their fields to ``trajectories.npz`` and reads them
+(`read_trajectories`); `safe_inspect.figures` draws a `Trajectory`.
 """
 
 from __future__ import annotations

@@ -368,8 +368,11 @@ def _episode(
 ) -> SingleAgentEpisode:
     """Return the steps or decisions of one agent in a piece as an episode with the given names.
 
-    The learner receives T + 1 observations, T actions as they were sampled, T rewards, whether the episode has ended or
-    was cut, and the inputs and log-probabilities of the action distribution; it computes values and advantages itself.
+    The learner receives T + 1 observations, T actions as they were sampled, T rewards (of a decision, the discounted
+    sum over its steps) with the number of steps of each decision if decisions last, the inputs and log-probabilities of
+    the action distribution, the number of the weights that acted, and whether the episode was terminated by the task or
+    truncated by its time limit; one that is neither continues in the next sample. The learner computes values and
+    advantages itself. Metrics are no part of it: `env_runners` returns them by ``get_metrics``.
     """
     track, stop = rollout.tracks[slot.group], span.start + span.length
     part = (slot.member, piece.env, slice(span.start, stop))

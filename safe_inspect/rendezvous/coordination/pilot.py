@@ -146,7 +146,7 @@ class Pilot:
         config: Configuration of the pilot.
         target: What is known of the target before the mission; a map replaces it.
         estimator: The estimator of the mission.
-        streams: The random streams of the mission.
+        streams: The random streams of the mission, from which the bound alone draws (``bound.*``).
         report: Called with the name and the data of each event.
         changed: Called at every change of state with the state before, the guard and the state after.
 

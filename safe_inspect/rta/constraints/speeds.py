@@ -1,4 +1,4 @@
-"""Constraints that limit the speed by the distance from the chief, and along each axis."""
+"""Constraints that limit the speed: `RelativeSpeedLimit` by the range, and one along each axis; see `Constraint`."""
 
 from __future__ import annotations
 
@@ -98,9 +98,9 @@ class RelativeSpeedLimit(Constraint, name="rel_vel"):
     0.2 m/s as 0.025 mm/s faster.
 
     Attributes:
-        v0: Speed allowed at `v0_distance` [m/s].
-        v0_distance: Range d0 at which the speed `v0` is allowed [m].
-        v1: Slope of the limit over the range [1/s].
+        v0: Speed allowed at `v0_distance` [m/s]; 0.2 by default.
+        v0_distance: Range d0 at which the speed `v0` is allowed [m]; by default the radius of the chief, 10.
+        v1: Slope of the limit over the range [1/s]; by default `v1_coef` n, 2 n, with the mean motion n.
         smoothing: Term added under the square roots of h [m^2 or m^2/s^2].
     """
 

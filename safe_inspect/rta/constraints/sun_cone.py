@@ -1,4 +1,4 @@
-"""Constraint that keeps the sun out of the camera, and its row kernels for the compiled filters; see `RowKernels`."""
+"""Constraint that keeps the sun out of the camera: `SunKeepOut`, below its row kernels for the compiled filters."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ class SunKeepOut(Constraint, name="sun"):
     and lies entirely in the half space p.s < 0: the night side, where the chief is between the deputy and the sun. On
     the day side, p.s > 0, the sun is behind the deputy and every position is allowed.
 
-    phi = angle(p, c) - beta [rad].
+    phi = angle(p, c) - beta [rad], at least 0 outside of the cone; `Constraint` says which filters guarantee that.
 
     h = sqrt(2 a d) + d', where d is the signed distance from the cone's nearer generator, and d' is the rate at which
     the deputy leaves the cone, which rotates with the sun at w = (0, 0, -n):
@@ -203,8 +203,9 @@ class SunKeepOut(Constraint, name="sun"):
     towards +z is used. At the chief's centre, phi = -beta. The slope of the root at d = 0 is the slope at 1e-6 m.
 
     Attributes:
-        fov: Full opening angle of the cone, 2 beta [rad].
-        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
+        fov: Full opening angle of the cone, 2 beta [rad]; 60 deg by default.
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2]; by default 0.0787, that of 1 N and 12 kg
+            less the largest tide and Coriolis acceleration (`ConstraintParameters.net_acceleration`).
         mean_motion: Rate n of the sun angle theta [rad/s].
     """
 

@@ -180,7 +180,7 @@ def _write_in_axes(body: int, position: FloatArray, sun: FloatArray, attitude: F
 def array_in_axes_of(entity: str, world: World, name: str) -> str:
     """Return the name of the array of ``position``, ``sun_direction`` or ``orientation`` in the axes of a body.
 
-    With an eclipse, ``sun_direction`` means the direction of the light, see `Sun`.
+    With an eclipse, the name ``sun_direction`` selects the array ``light_direction``, see `Sun`.
 
     Args:
         entity: Name of the body; the axes of a body that does not rotate are Hill's.

@@ -53,6 +53,8 @@ def sun_row(angle: float) -> tuple[float, float, float]:
 def predicted_sun(state: State, row: int, angle: FloatArray, world: World) -> tuple[FloatArray, FloatArray]:
     """Return the predicted directions of the sun and of the light, for a beta angle that does not change.
 
+    The shadow is that on the circular orbit.
+
     Args:
         state: The state.
         row: Index of the environment.
@@ -171,7 +173,10 @@ def _sun_on(date: datetime) -> tuple[float, float, float]:
 
 
 class Sun(SunDirection, PassiveComponent):
-    """Sun whose angle grows at a constant rate, clockwise about +z of Hill's frame; see `sun_directions`.
+    """Sun whose angle a grows at a constant rate, a(t) = a(0) + rate t, clockwise about +z of Hill's frame.
+
+    Its direction is that of `sun_directions`. The rate is the `mean_motion` of `illumination_params`, or of the
+    simulator if there are none.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
     sun, shape (N, 3). A reset takes the angle from the sampled state ``sun_angle``, or 0 if there is none.
