@@ -280,7 +280,7 @@ def test_noise_above_what_the_front_end_assumes_is_warned_of() -> None:
 def test_frames_of_a_noisy_camera_are_registered_if_its_noise_is_known() -> None:
     config = _config("sensors.camera.profile=harsh", "chaser.position=[0 m, -1.9 m, 0 m]")
     mount = pose(R_BC, np.array(config.chaser.camera_position))
-    frames = list(watch(config, 0, 8.0))
+    frames = list(watch(config, 0, 3.0))
     context = FrontEndContext(config.sensors.camera.geometry, mount, config.target(), None)
     counts = []
     for front_end in (ModelFrontEnd(), ModelFrontEnd(range_sigma=0.005, range_growth=0.003)):
