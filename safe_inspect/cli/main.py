@@ -134,8 +134,8 @@ class Parser(argparse.ArgumentParser):
 def parse_arguments(parser: Parser, argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse a command line.
 
-    Overrides may be given anywhere; argparse itself only accepts them before the options. The experiment, see
-    `add_experiment_file`, is given by ``--cfg`` or as the only word that is not an override.
+    Overrides may be given anywhere; argparse itself only accepts them before the options. The experiment
+    (`cli.arguments.add_experiment_arguments`) is given by ``--cfg`` or as the only word that is not an override.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     words = [*words[1:2], "--help"] if words[:1] == ["help"] and parser.has_commands else words

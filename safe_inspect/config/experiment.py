@@ -1,16 +1,20 @@
 """`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once.
 
 Every command that takes ``--cfg FILE`` of an environment, and every function that makes an environment, comes here; a
-rendezvous goes to `safe_inspect.rendezvous.experiment.load_rendezvous`. The steps are:
+rendezvous goes to `safe_inspect.rendezvous.experiment.load_rendezvous` (``validate`` and ``evaluate`` look at the
+file first to tell the two apart, by `is_rendezvous`). In ``python -m safe_inspect.train_rl --cfg FILE``,
+`cli.main.run_command` parses the words of the command line, and `cli.commands.train.run` calls `load_experiment`, then
+`cli.checked_settings`, which checks the settings of the training, then `experiments.runs.train.train`, which starts
+Ray. The steps of `load_experiment` are:
 
 1. `_file_of` finds the file, if the name is the id of a task.
-2. `loader.load` reads it and what it includes, as a tree with the location of every value.
+2. `loader.load` opens it, and reads it and what it includes, as a tree with the location of every value.
 3. `layers.experiment_tree` merges its layers and moves short keys to their full paths.
 4. `build_experiment` replaces the values that the command line gives (`overrides.apply_overrides`), imports plugins,
    expands templates and references, and validates the tree with the `models`, which builds the plugins.
-5. It takes the keys of RLlib, the horizon and the seed from them (`_rllib`, `_horizon`, `_seed`), and lets `building`
-   check how they fit together: `team.policies_of` returns the policies, and `assemble.assemble` the `EnvironmentSpec`
-   of which environments are made later.
+5. `building` checks how they fit together: `team.policies_of` returns the policies, and, after the keys of RLlib, the
+   horizon and the seed (`_rllib`, `_horizon`, `_seed`), `assemble.assemble` the `EnvironmentSpec` of which environments
+   are made later.
 """
 
 from __future__ import annotations

@@ -1,8 +1,11 @@
 """How an episode is recorded: `Recorder` keeps the states of some rows of a batch, step by step, as `Trajectory`.
 
 In `safe_inspect.evaluation.rollouts`, `rollout` records the first episodes of a rollout (`record`), and
-`record_episode` one. `safe_inspect.evaluation.results.files` writes their fields to ``trajectories.npz`` and reads them
-(`read_trajectories`); `safe_inspect.figures` draws a `Trajectory`.
+`record_episode` one; on the command line, ``evaluate --record K --output FOLDER``. States are those of control steps,
+not of physics steps; observations, actions and rewards are not recorded.
+`safe_inspect.evaluation.results.files` writes the fields to ``trajectories.npz``, as arrays that are named by episode
+and field, ``0/position``, and reads them (`read_trajectories`). In `safe_inspect.figures`, `trajectory_figure`, `film`
+and `page` draw a `Trajectory`, as the commands ``draw``, ``film`` and ``view`` do.
 """
 
 from __future__ import annotations
@@ -36,8 +39,9 @@ class Trajectory:
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
-        arrays: Arrays that components record, such as ``sun_angle`` [rad], each of shape (T + 1, ...). They can also be
-            read as attributes, such as ``trajectory.sun_angle``.
+        arrays: Arrays that components record, such as ``sun_angle`` [rad], and the attitude of deputies that turn
+            (``orientation``, quaternions from body to Hill axes), each of shape (T + 1, ...). They can also be read as
+            attributes, such as ``trajectory.sun_angle``.
         points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without
             points.
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).

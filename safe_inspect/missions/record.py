@@ -1,4 +1,15 @@
-"""The files of a mission: its log with a row for each control step, and `read_mission` for replays and figures."""
+"""The files of a mission: its log with a row for each control step, and `read_mission` for replays and figures.
+
+``log.npz`` holds, with SI units, positions in W and quaternions from a body's axes to W: the time ``t`` and the index
+of the phase ``state``; the truth at the start of the step, of the chaser ``x`` (position and velocity), ``q``, ``w``
+(angular velocity in B) and of the target ``target_q``, ``target_w`` (in T); the estimates ``estimated_x``,
+``estimated_q``, ``estimated_target_p``, ``_q``, ``_w``, ``estimated_ratios`` (J1/J3, J2/J3), ``sigma`` (of attitude
+[rad] and rate [rad/s]) and ``nees``; ``reference``, the position and velocity that the chaser follows; in B, the
+commands ``force`` and ``torque``, what the actuators gave for them without their lag, ``flown`` (force and torque), and
+with it at the end of the step, ``wrench``; the least ``clearance`` during the step; of the tube, NaN without an
+approach, the ``margin`` that the clearance must keep, its half width ``tube`` about the true reference and its
+share of the force ``tube_force``; and ``pointing_error`` of the camera [rad].
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """`Readings`: the measurements of a control step, all that an estimator and a pilot read while they fly.
 
-Of the truth they have only the chaser's state at the first step (`Readings.start`), and what `sensors.state` is
-configured to measure, which without errors is the truth. What is known before: `EstimatorContext` to an estimator, and
-`PilotConfig` and the arguments of `Pilot` to a pilot.
+Of the truth they have only the chaser's state at the first step (`Readings.start`), and what the sensor of states
+measures if the estimator reads it: the chaser's state exactly, the target's with the configured errors (none by
+default). What is known before: `EstimatorContext` to an estimator, and `PilotConfig` and the arguments of `Pilot` to a
+pilot.
 """
 
 from __future__ import annotations

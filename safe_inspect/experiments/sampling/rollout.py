@@ -1,4 +1,9 @@
-"""`Rollout`: samples in arrays, in which the data of an episode are contiguous, and RLlib's episodes made from them."""
+"""`Rollout`: samples in arrays, in which the data of an episode are contiguous, and RLlib's episodes made from them.
+
+The batched runners of `env_runners` send what `_episode` returns, of the agents whose policies are trained: for each
+sample, ceil(num_timesteps / N) control steps of each of N environments. Where a training uses RLlib's stock runners,
+these send RLlib's own episodes.
+"""
 
 from __future__ import annotations
 
@@ -373,6 +378,11 @@ def _episode(
     the action distribution, the number of the weights that acted, and whether the episode was terminated by the task or
     truncated by its time limit; one that is neither continues in the next sample. The learner computes values and
     advantages itself. Metrics are no part of it: `env_runners` returns them by ``get_metrics``.
+
+    Of one agent in one environment, float32 unless stated otherwise: observations (T + 1, O); actions (T, A), of the
+    space's type if they are integers; rewards (T,); `Columns.ACTION_DIST_INPUTS` (T, I), where I is 2 A for a Gaussian
+    (means and log standard deviations); `Columns.ACTION_LOGP` (T,); `WEIGHTS_SEQ_NO` and `DECISION_STEPS` (T,), int64.
+    The infos are empty.
     """
     track, stop = rollout.tracks[slot.group], span.start + span.length
     part = (slot.member, piece.env, slice(span.start, stop))

@@ -139,8 +139,17 @@ def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
 class Pilot:
     """The flight computer of one mission, which computes commands from readings.
 
-    It reads the readings of each step, its configuration, and what is known of the target before the mission. It reads
-    neither true states (except for the chaser's at the first step, `Readings.start`) nor the faults to come.
+    It reads
+
+    - the `Readings` of each step: itself the time and the sensors that are silent, the rest through the estimator;
+    - its `PilotConfig`: the chaser with the errors of its actuators, the mission with the faults of the planner only,
+      and planner, bound and tracker;
+    - what `StateEstimator.known` returns of the target before the mission: by default everything.
+
+    It must not read true states or the faults of sensors and target, of which it is given none (it may not import
+    `safe_inspect.missions`, by the rules of ``.importlinter``), nor draw from the streams what is not ``bound.*``: they
+    are those of the mission. What it gets of the truth nevertheless is the chaser's state in `Readings.start`, and the
+    measurements of a sensor of states, see `safe_inspect.rendezvous.readings`.
 
     Args:
         config: Configuration of the pilot.

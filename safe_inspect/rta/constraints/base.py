@@ -137,8 +137,10 @@ class Constraint(Plugin):
     finite state whose squares do not overflow.
 
     A *guarantee* is that phi >= 0 at every moment. Only the filters that certify whole holds (periods of constant
-    thrust) give it: ``backup`` and the filter of a team. They do not use h; for them, a subclass also defines
-    `half_space`, a static method that the filter compiles::
+    thrust) give it, ``backup`` and the filter of a team, under these premises: the initial state has a backup plan; the
+    thrust is constant along Hill's axes during a hold; the motion is that of Clohessy and Wiltshire, exactly or within
+    the filter's `disturbance`. `config.building.guarantees` refuses other tasks. They do not use h; for them, a
+    subclass also defines `half_space`, a static method that the filter compiles::
 
         @staticmethod
         def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)

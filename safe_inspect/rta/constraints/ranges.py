@@ -108,7 +108,10 @@ def _near_support(p: _CollisionNumbers, at: Node, margins: Margins, d: FloatArra
 
 
 class ChiefCollision(Constraint, name="chief_collision"):
-    """Constraint that the deputy can brake before the chief: h = sqrt(2 a (r - r_c)) + p.v / r, phi = r - r_c.
+    """Constraint that the deputy keeps its distance to the chief: phi = r - r_c, h = sqrt(2 a (r - r_c)) + p.v / r.
+
+    phi >= 0 at every moment is what the filters ``backup`` and of a team guarantee; `Constraint` has the premises. h,
+    for the filter ``continuous`` and for drawing initial states, says that the deputy can brake before r_c.
 
     h [m/s] compares the speed from which the deputy can brake within the gap to the closing speed. Inside the collision
     radius, the root is -sqrt(2 a |r - r_c|), so that h has the same meaning there.
@@ -117,8 +120,9 @@ class ChiefCollision(Constraint, name="chief_collision"):
     slope of the root, which is infinite on the radius, is the slope at 1e-6 m.
 
     Attributes:
-        collision_radius: Smallest allowed range r_c [m].
-        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
+        collision_radius: Smallest allowed range r_c [m]; 10 by default.
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2], 0.0787 by default, see
+            `ConstraintParameters.net_acceleration`; only h depends on it.
     """
 
     unit: ClassVar[str] = "m"
@@ -193,14 +197,16 @@ def _far_support(p: _MaximumRangeNumbers, at: Node, margins: Margins, d: FloatAr
 
 
 class MaximumRange(Constraint, name="r_max"):
-    """Constraint that the deputy can stop before r_max: h = sqrt(2 a (r_max - r)) - p.v / r, phi = r_max - r.
+    """Constraint that the deputy stays within a range: phi = r_max - r, h = sqrt(2 a (r_max - r)) - p.v / r.
+
+    phi and h have the same roles as in `ChiefCollision`.
 
     Beyond the largest range, the root is -sqrt(2 a |r_max - r|). Singular points are treated as in `ChiefCollision`.
     The deceleration a does not include the centrifugal acceleration |v_across|^2 / r.
 
     Attributes:
-        r_max: Largest allowed range [m].
-        max_acceleration: Deceleration a that the thrusters can give [m/s^2].
+        r_max: Largest allowed range [m]; 800 by default.
+        max_acceleration: Deceleration a that the thrusters can give [m/s^2]; only h depends on it.
     """
 
     unit: ClassVar[str] = "m"
@@ -280,9 +286,9 @@ class PassivelySafeManoeuvre(Constraint, name="PSM"):
     gradient.
 
     Attributes:
-        collision_radius: Smallest allowed range r_c [m].
+        collision_radius: Smallest allowed range r_c [m]; 10 by default.
         mean_motion: Mean motion n [rad/s].
-        horizon: Duration of coasting [s].
+        horizon: Duration of coasting [s]; 100 by default.
     """
 
     unit: ClassVar[str] = "m"
@@ -331,7 +337,9 @@ class PairConstraint(Constraint):
 
 
 class DeputyCollision(PairConstraint, name="deputy_collision"):
-    """Constraint that both deputies can brake in time: h = sqrt(4 a (d - 2 r_d)) + dp.dv / d, phi = d - 2 r_d.
+    """Constraint that two deputies keep their distance: phi = d - 2 r_d, h = sqrt(4 a (d - 2 r_d)) + dp.dv / d.
+
+    phi and h have the same roles as in `ChiefCollision`.
 
     Attributes:
         deputy_radius: Radius r_d about each deputy [m].

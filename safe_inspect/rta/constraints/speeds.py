@@ -91,16 +91,20 @@ def _relative_values(
 
 
 class RelativeSpeedLimit(Constraint, name="rel_vel"):
-    """Speed limit that is a linear function of the range: h = v0 + v1 (r - d0) - speed.
+    """Speed limit that is a linear function of the range: phi = v0 + v1 (r - d0) - |v|, in Hill's frame.
 
-    phi is the same with exact norms. In h, both norms are sqrt(|.|^2 + smoothing), so that the gradient exists, and is
+    phi >= 0 at every moment is what the filters ``backup`` and of a team guarantee, by default |v| <= 0.2 m/s + 2 n
+    (r - 10 m) with n = 0.001027 rad/s; `Constraint` has the premises. Fields that are not given come from the
+    parameters of the filter (`ConstraintParameters`).
+
+    h, for the filter ``continuous``, is phi with norms sqrt(|.|^2 + smoothing), so that the gradient exists, and is
     zero, at rest and at the chief's centre. As a result, h treats a deputy at rest as moving at 3.2 mm/s, and one at
     0.2 m/s as 0.025 mm/s faster.
 
     Attributes:
         v0: Speed allowed at `v0_distance` [m/s]; 0.2 by default.
         v0_distance: Range d0 at which the speed `v0` is allowed [m]; by default the radius of the chief, 10.
-        v1: Slope of the limit over the range [1/s]; by default `v1_coef` n, 2 n, with the mean motion n.
+        v1: Slope of the limit over the range [1/s]; by default the parameters' `v1_coef` n, 2 n with the mean motion n.
         smoothing: Term added under the square roots of h [m^2 or m^2/s^2].
     """
 
@@ -192,7 +196,7 @@ class AxisSpeed(Constraint):
     The gradient is zero at v_i = 0, where every control is allowed.
 
     Attributes:
-        vel_limit: Largest speed v_lim along the axis [m/s].
+        vel_limit: Largest speed v_lim along the axis [m/s]; 1 by default.
     """
 
     unit: ClassVar[str] = "m/s"
