@@ -68,7 +68,7 @@ def _relative_error(estimated: tuple[FloatArray, FloatArray], true: tuple[FloatA
 
 
 def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
-    """Return the normalised squared error of attitude and angular velocity (NEES); NaN without a covariance.
+    """Return the normalised squared error of attitude and angular velocity (NEES); NaN without a covariance or if it is singular.
 
     It is 6 on average if the covariance is right; nothing is aligned to the truth. The error is the tangent of the
     estimate: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
@@ -79,7 +79,10 @@ def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodySta
     turn = attitude_error(estimate, chaser, target)  # the estimate as seen from the truth: -a
     rate = target.angular_velocity - rotate(exp(turn), estimate.target.angular_velocity)
     error = np.concatenate([-turn, rate])
-    return float(error @ np.linalg.solve(joint[2:8, 2:8], error))
+    try:
+        return float(error @ np.linalg.solve(joint[2:8, 2:8], error))
+    except np.linalg.LinAlgError:  # of a motion of which nothing is known, such as that of a shape not recognised
+        return float("nan")
 
 
 def mission_table(summary: Mapping[str, Any]) -> str:

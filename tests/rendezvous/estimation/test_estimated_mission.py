@@ -284,6 +284,9 @@ def test_a_turn_of_the_estimated_frame_is_no_error() -> None:
     np.testing.assert_allclose(attitude_error(turned, chaser, target), [sigma, 0.0, 0.0], atol=1e-12)
     assert normalised_error(turned, chaser, target) == pytest.approx(1.0)
     assert np.isnan(normalised_error(_estimate([0.0, 0.0, 0.0], None), chaser, target))
+    unknown = np.zeros((14, 14))
+    unknown[2:8, 2:8] = 1e13  # so large, and of one direction, that it is singular
+    assert np.isnan(normalised_error(_estimate([0.0, 0.0, 0.0], unknown), chaser, target))
 
 
 def test_an_impulse_changes_the_motion_and_not_the_attitude() -> None:
