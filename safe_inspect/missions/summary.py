@@ -68,7 +68,9 @@ def _relative_error(estimated: tuple[FloatArray, FloatArray], true: tuple[FloatA
 
 
 def normalised_error(estimate: StateEstimate, chaser: BodyState, target: BodyState) -> float:
-    """Return the normalised squared error of attitude and angular velocity (NEES); NaN without a covariance or if it is singular.
+    """Return the normalised squared error of attitude and angular velocity (NEES).
+
+    It is NaN without a covariance, or if this is singular.
 
     It is 6 on average if the covariance is right; nothing is aligned to the truth. The error is the tangent of the
     estimate: the truth is ``q Exp(a)`` and ``Exp(-a) w + r``, see `JointErrors`.
