@@ -139,8 +139,8 @@ class Constraint(Plugin):
     A *guarantee* is that phi >= 0 at every moment. Only the filters that certify whole holds (periods of constant
     thrust) give it, ``backup`` and the filter of a team, under these premises: the initial state has a backup plan; the
     thrust is constant along Hill's axes during a hold; the motion is that of Clohessy and Wiltshire, exactly or within
-    the filter's `disturbance`. `config.building.guarantees` refuses other tasks. They do not use h; for them, a
-    subclass also defines `half_space`, a static method that the filter compiles::
+    the filter's `disturbance`. `config.building.guarantees` refuses experiments without them. They do not use h; for
+    them, a subclass also defines `half_space`, a static method that the filter compiles::
 
         @staticmethod
         def half_space(p, x, d):  # n . position <= limit, with p = (n_x, n_y, n_z, limit)

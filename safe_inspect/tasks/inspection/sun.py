@@ -1,7 +1,7 @@
 """The sun: `Sun`, the component that moves it with the chief's orbit, its direction in Hill's frame, and its eclipse.
 
 The direction is ``[cos b cos a, -cos b sin a, sin b]`` with a(t) = a(0) + rate t (`sun_directions`). The key
-``illumination_params`` of an inspection simulator sets the fields of `Sun`; without it every point is always lit.
+``illumination_params`` of an inspection simulator sets the fields of `Sun`; with None every point is always lit.
 Docking and rendezvous have no sun.
 """
 
@@ -194,7 +194,7 @@ class Sun(SunDirection, PassiveComponent):
     [-], shape (N,), see `sunlight_row`, and ``light_direction``, which is ``sun_direction`` while the centre of the
     disc is visible and NaN otherwise, shape (N, 3). Sensors of light and points read the latter, and no comparison with
     NaN is true, so that no point is lit: nothing else has to know of an eclipse, ``illumination_params: {eclipse:
-    True}``. The shadow is a cone of the Earth, `dynamics.orbit.earth`; another law of shadows belongs in `shade`.
+    True}``. The shadow is that of `dynamics.orbit.earth`; another law of shadows belongs in `shade`.
 
     Attributes:
         rate: Rate of the angle [rad/s], except on a `RelativeOrbit`.
