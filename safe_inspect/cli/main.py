@@ -194,10 +194,11 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
             _check_working_directory()
             return int(arguments.run(arguments))
     except SafeInspectError as error:
-        print_error(f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}")
+        text = f"error: {error}" if "\n" not in str(error) else f"errors:\n{error}"
+        print_error("; ".join([text, *_notes(error)]))
         return _USER_ERROR
     except KeyboardInterrupt as stop:
-        print_error("; ".join(["interrupted", *getattr(stop, "__notes__", ())]))
+        print_error("; ".join(["interrupted", *_notes(stop)]))
         return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
     except BrokenPipeError:  # the reader of standard error has left
         return 0
@@ -211,17 +212,25 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
 
 def _explained(error: Exception) -> str:
     """Return the message for an error that a plugin raised, or for a full disk; empty for any other error."""
-    note = next((note for note in getattr(error, "__notes__", ()) if note.startswith(RAISED_IN)), "")
-    if note:  # with the calls in files of the user
+    notes = _notes(error)
+    raised = next((note for note in notes if note.startswith(RAISED_IN)), "")
+    if raised:  # with the calls in files of the user
         own = (_PACKAGE, f"{os.sep}site-packages{os.sep}", f"{os.sep}lib{os.sep}python", "<")
         frames = traceback.extract_tb(error.__traceback__)
         calls = traceback.format_list([call for call in frames if not any(part in call.filename for part in own)])
         fix = "fix it, and test it with safe_inspect.testing.check_plugin"
-        return f"{''.join(calls)}error: {type(error).__name__}: {error}; {note}; {fix}"
+        others = (note for note in notes if note != raised)
+        return "; ".join([f"{''.join(calls)}error: {type(error).__name__}: {error}", raised, fix, *others])
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         discard_output()
-        return f"error: {cannot_write(error.filename or 'standard output', error, 'write elsewhere')}"
+        text = cannot_write(error.filename or "standard output", error, "write elsewhere")
+        return "; ".join([f"error: {text}", *notes])
     return ""
+
+
+def _notes(error: BaseException) -> list[str]:
+    """Return the notes that were added to an error."""
+    return getattr(error, "__notes__", [])
 
 
 def _check_working_directory() -> None:

@@ -72,7 +72,8 @@ def kept_episodes(
 ) -> Iterator[list[KeptEpisodes]]:
     """Provide the stored batches of each rollout, in a folder next to `output` whose name ends in ``.part``.
 
-    The folder is removed when the block ends without an error, and when nothing was stored.
+    The folder is removed when the block ends without an error, and when nothing was stored. After any error the batches
+    stay, and a note of the error says so.
 
     Args:
         output: Path of the evaluations to be written; None: nothing is stored.
@@ -119,13 +120,18 @@ def kept_episodes(
             yield kept
         except BaseException as error:
             count = sum(each.count for each in kept)
-            if not count or not isinstance(error, (KeyboardInterrupt, OSError)):  # other errors may be bugs
+            if not count:
                 remove_written(folder)
             if isinstance(error, KeyboardInterrupt):
                 error.add_note(
                     f"{count:,} of {total:,} episodes are kept in {shown}; run the same command to continue"
                     if count
                     else f"nothing is kept, as the first batch of {min(num_envs, total):,} episodes was not complete"
+                )
+            elif count:
+                error.add_note(
+                    f"{count:,} of {total:,} episodes are kept in {shown}, and the same command continues with them; "
+                    "delete the folder if you change code that they depend on"
                 )
             raise
         remove_written(folder)

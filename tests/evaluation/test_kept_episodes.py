@@ -16,10 +16,10 @@ import pytest
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
 from safe_inspect.environments import load_spec
+from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import baseline, rollout, rollouts
 from safe_inspect.evaluation.kept import KeptEpisodes, _batch_file
 from safe_inspect.evaluation.task import default_metrics
-from safe_inspect.experiments.modules import sources
 
 CONFIGS = configs_root()
 SHORT = ("--episodes", "6", "--num-envs", "2", "horizon=12")
@@ -182,14 +182,41 @@ def test_a_leaderboard_continues_within_a_row(capsys, flown):
     assert results("results") == results("whole")
 
 
-def test_an_error_of_a_plugin_keeps_nothing(monkeypatch, flown):
-    whole = sources.rollout
+@pytest.mark.parametrize("error", [ZeroDivisionError("no luck"), SafeInspectError("no luck"), OSError("no luck")])
+def test_an_error_keeps_the_finished_batches(monkeypatch, capsys, flown, error):
+    found = flown[0]
+    assert main(["evaluate", "random", *SHORT, "--output", "whole"]) == 0
+    table = capsys.readouterr().out.replace("whole", "out")
+    found.clear()
+    add = KeptEpisodes.add
 
-    def fail(*given, **named):
-        whole(*given, **named)
+    def fail(self, first, batch):
+        if first == 4:
+            raise error
+        add(self, first, batch)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(KeptEpisodes, "add", fail)
+        note = "4 of 6 episodes are kept in out.part, and the same command continues with them; delete the folder if "
+        if isinstance(error, SafeInspectError):
+            assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 2
+            assert f"error: no luck; {note}" in capsys.readouterr().err
+        else:
+            with pytest.raises(type(error), match="no luck") as raised:
+                main(["evaluate", "random", *SHORT, "--output", "out"])
+            assert raised.value.__notes__[0].startswith(note)
+    found.clear()
+    assert main(["evaluate", "random", *SHORT, "--output", "out"]) == 0
+    assert found == [4]
+    assert capsys.readouterr().out == table
+    assert not Path("out.part").exists()
+
+
+def test_an_error_in_the_first_batch_leaves_no_folder(monkeypatch, flown):
+    def fail(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(sources, "rollout", fail)
+    monkeypatch.setattr(KeptEpisodes, "add", fail)
     with pytest.raises(ZeroDivisionError):
         main(["evaluate", "random", *SHORT, "--output", "out"])
     assert [path.name for path in Path().iterdir()] == ["boards.yml"]
