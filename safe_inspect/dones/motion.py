@@ -9,7 +9,7 @@ from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.geometry.distance import is_farther, is_nearer
 from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import OwnArray, RowTerm, range_inputs
+from safe_inspect.simulators.row_terms import OwnArray, RowTerm, range_inputs
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     DockingRegion,

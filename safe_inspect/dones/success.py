@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from safe_inspect.dones.base import DoneFunction, DoneStatus
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import RowTerm
+from safe_inspect.simulators.row_terms import RowTerm
 from safe_inspect.tasks.inspection.completion import Completion, PassiveSafety, has_reached
 
 

@@ -19,8 +19,8 @@ from safe_inspect.environments.group import AgentGroup, StepOutcome
 from safe_inspect.glues.normalizers import Affine
 from safe_inspect.glues.observations import DerivedGlue, ObserveSensor
 from safe_inspect.simulators import State, Step, View, World
-from safe_inspect.simulators.row_inputs import GlueReading, Intervening, MemoryBase, OwnArray, RowTerm, Scene
 from safe_inspect.simulators.row_loops import PlacedTerm, address_of, place_term
+from safe_inspect.simulators.row_terms import GlueReading, Intervening, MemoryBase, OwnArray, RowTerm, Scene
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 _FLOAT = np.dtype(np.float64).itemsize

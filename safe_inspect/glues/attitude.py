@@ -15,7 +15,7 @@ from safe_inspect.glues.observations import DerivedGlue, ObserveSensor
 from safe_inspect.platforms.copies import copy_vector
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import GlueReading, RowTerm, SensorReading
+from safe_inspect.simulators.row_terms import GlueReading, RowTerm, SensorReading
 from safe_inspect.tasks.inspection.sun import sun_row
 from safe_inspect.types import FloatArray
 

@@ -11,7 +11,7 @@ from safe_inspect.geometry.distance import distance
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_number, copy_turned
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, RowTerm, own_estimate
+from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm, own_estimate
 from safe_inspect.tasks.docking.speed_limit import SpeedLimit, speed_limit
 from safe_inspect.types import FloatArray
 

@@ -14,7 +14,7 @@ from safe_inspect.geometry.neighbours import nearest_positions, nearest_velociti
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import AgentParameter, EnvironmentArray, RowInput, RowTerm
+from safe_inspect.simulators.row_terms import AgentParameter, EnvironmentArray, RowInput, RowTerm
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveDuration, PositiveLength
 

@@ -14,7 +14,7 @@ from safe_inspect.platforms.copies import copy_axes, copy_difference, copy_numbe
 from safe_inspect.plugins.plugin import EntityName
 from safe_inspect.simulators import Group, Simulator, World
 from safe_inspect.simulators.resets.initializers import require_length
-from safe_inspect.simulators.row_inputs import BodyArray, EnvironmentArray, OwnArray, RowTerm, own_estimate
+from safe_inspect.simulators.row_terms import BodyArray, EnvironmentArray, OwnArray, RowTerm, own_estimate
 from safe_inspect.tasks.inspection.sun import Sun
 from safe_inspect.types import FloatArray
 

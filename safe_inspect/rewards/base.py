@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from safe_inspect.compiling import Kernel, generate
-from safe_inspect.simulators.row_inputs import RowInput, RowTerm
 from safe_inspect.simulators.row_plugin import RowPlugin, batch_call
+from safe_inspect.simulators.row_terms import RowInput, RowTerm
 from safe_inspect.simulators.view import Step
 from safe_inspect.types import FloatArray
 

@@ -12,7 +12,7 @@ from safe_inspect.geometry.distance import distance
 from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.rewards.base import Reward, paid_if
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, RowTerm, range_inputs
+from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm, range_inputs
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     TOO_FAST,

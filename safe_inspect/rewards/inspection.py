@@ -7,7 +7,7 @@ from safe_inspect.geometry.distance import is_nearer
 from safe_inspect.plugins.plugin import PointsName, SensorName
 from safe_inspect.rewards.base import Reward, paid_if
 from safe_inspect.simulators import Group, World
-from safe_inspect.simulators.row_inputs import EnvironmentArray, Intervening, RowTerm, range_inputs
+from safe_inspect.simulators.row_terms import EnvironmentArray, Intervening, RowTerm, range_inputs
 from safe_inspect.tasks.inspection.completion import Completion, PassiveSafety, has_reached
 from safe_inspect.units import PositiveLength
 

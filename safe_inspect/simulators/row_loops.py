@@ -20,7 +20,7 @@ import numpy as np
 
 from safe_inspect.compiling import Kernel, generate
 from safe_inspect.errors import MissingNameError, PluginValueError
-from safe_inspect.simulators.row_inputs import InputPlace, MemoryBase, RowInput, RowTerm, Scene, place_of
+from safe_inspect.simulators.row_terms import InputPlace, MemoryBase, RowInput, RowTerm, Scene, place_of
 from safe_inspect.types import AnyArray
 
 _SIGNATURE = "int64(int64, int64, int64, int64, int64)"

@@ -10,8 +10,8 @@ import numpy as np
 
 from safe_inspect.errors import PluginValueError
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.simulators.row_inputs import Intervening, MemoryBase, RowTerm, Scene, TermReading
 from safe_inspect.simulators.row_loops import PlacedTerm, address_of, place_term
+from safe_inspect.simulators.row_terms import Intervening, MemoryBase, RowTerm, Scene, TermReading
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World

@@ -18,8 +18,7 @@ from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import PluginValueError
 from safe_inspect.platforms import Sensor
 from safe_inspect.rewards import Reward
-from safe_inspect.simulators.row_inputs import EnvironmentArray, Intervening, OwnArray, SensorReading
-from safe_inspect.simulators.row_terms import RowTerm
+from safe_inspect.simulators.row_terms import EnvironmentArray, Intervening, OwnArray, RowTerm, SensorReading
 from safe_inspect.testing import check_plugin
 
 from .reports import breaches

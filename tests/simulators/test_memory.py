@@ -13,7 +13,8 @@ from safe_inspect.dynamics import Dynamics
 from safe_inspect.simulators.arrays import for_kernel, read_only
 from safe_inspect.simulators.offers import Offers, OfTeam, OfView, OwnOfView
 from safe_inspect.simulators.prefetch import InitialStatePrefetcher
-from safe_inspect.simulators.row_inputs import (
+from safe_inspect.simulators.row_loops import _check, place_term
+from safe_inspect.simulators.row_terms import (
     AgentParameter,
     BodyArray,
     EnvironmentArray,
@@ -27,7 +28,6 @@ from safe_inspect.simulators.row_inputs import (
     own_estimate,
     place_of,
 )
-from safe_inspect.simulators.row_loops import _check, place_term
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.view import Group, Step, View
 from safe_inspect.simulators.world import World

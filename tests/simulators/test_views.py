@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics import Dynamics
-from safe_inspect.simulators.row_inputs import OwnArray, range_inputs
+from safe_inspect.simulators.row_terms import OwnArray, range_inputs
 from safe_inspect.simulators.state import State, base_specs
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, Step, View

@@ -10,7 +10,7 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
 from safe_inspect.plugins.plugin import Plugin, SensorName
-from safe_inspect.simulators.row_inputs import OwnArray, RowInput, SensorReading
+from safe_inspect.simulators.row_terms import OwnArray, RowInput, SensorReading
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeLength, NonNegativeSpeed, PositiveAngularRate, PositiveLength

@@ -11,7 +11,7 @@ from pydantic import Field
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.coasting import grid, least_coasting_range
 from safe_inspect.plugins.plugin import Plugin, PointsName
-from safe_inspect.simulators.row_inputs import EnvironmentArray, OwnArray, RowInput, RowTerm
+from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowInput, RowTerm
 from safe_inspect.simulators.world import World
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveAngularRate, PositiveDuration, PositiveLength

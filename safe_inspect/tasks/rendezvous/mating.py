@@ -6,7 +6,7 @@ import math
 
 from safe_inspect.compiling import njit
 from safe_inspect.geometry.distance import distance
-from safe_inspect.simulators.row_inputs import EnvironmentArray, RowInput
+from safe_inspect.simulators.row_terms import EnvironmentArray, RowInput
 from safe_inspect.tasks.docking.speed_limit import own_motion
 from safe_inspect.types import FloatArray
 
