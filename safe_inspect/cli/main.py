@@ -200,14 +200,14 @@ def run_command(parser: Parser, argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt as stop:
         print_error("; ".join(["interrupted", *_notes(stop)]))
         return 128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT)
-    except BrokenPipeError:  # the reader of standard error has left
-        return 0
     except Exception as error:  # raised again, unless it is a mistake of the user
         text = _explained(error)
-        if not text:
-            raise
-        print_error(text)
-        return _USER_ERROR
+        if text:
+            print_error(text)
+            return _USER_ERROR
+        if isinstance(error, BrokenPipeError):  # the reader of standard error has left
+            return 0
+        raise
 
 
 def _explained(error: Exception) -> str:
@@ -219,8 +219,9 @@ def _explained(error: Exception) -> str:
         frames = traceback.extract_tb(error.__traceback__)
         calls = traceback.format_list([call for call in frames if not any(part in call.filename for part in own)])
         fix = "fix it, and test it with safe_inspect.testing.check_plugin"
-        others = (note for note in notes if note != raised)
-        return "; ".join([f"{''.join(calls)}error: {type(error).__name__}: {error}", raised, fix, *others])
+        text = f"{''.join(calls)}error: {type(error).__name__}: {error}"
+        first = [] if raised in text else [raised]  # Ray repeats the notes in the text of an error
+        return "; ".join([text, *first, fix, *(note for note in notes if note != raised)])
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         discard_output()
         text = cannot_write(error.filename or "standard output", error, "write elsewhere")

@@ -34,6 +34,7 @@ class {name}(Reward):
         ("self.scael", "AttributeError: '{name}' object has no attribute 'scael'"),
         ("open('weights.npz')", "FileNotFoundError: [Errno 2] No such file or directory: 'weights.npz'"),
         ("step.dt / 0", "ZeroDivisionError: float division by zero"),
+        ("(_ for _ in ()).throw(BrokenPipeError('my device'))", "BrokenPipeError: my device"),
     ],
 )
 def test_an_error_of_a_plugin_is_one_message(

@@ -146,6 +146,7 @@ NOTED.add_note("one is kept")
         (ConfigError([Problem("one"), Problem("two")]), 2, "errors:\none\ntwo\n"),
         (KeyboardInterrupt(), 130, "interrupted\n"),
         (NOTED, 143, "interrupted; one is kept\n"),
+        (BrokenPipeError(), 0, ""),
         (OSError(errno.ENOSPC, "No space left on device", "here"), 2, "error: here: the file cannot be written"),
         (OSError(errno.EDQUOT, "Quota"), 2, "error: standard output: the file cannot be written"),
     ],
@@ -168,6 +169,18 @@ def test_the_exit_code_says_how_a_command_ended(
     said = capfd.readouterr().err
     assert said.startswith(shown)
     assert said.count("\n") == max(shown.count("\n"), bool(shown))
+
+
+def test_the_name_of_a_plugin_that_failed_is_printed_once(capsys: pytest.CaptureFixture[str]) -> None:
+    note = "raised in the reward Mine (mine.py:3)"
+    error = RuntimeError(f"my fault\n{note}")  # Ray passes on an error with its notes in the text
+    error.add_note(note)
+
+    def run(_: argparse.Namespace) -> int:
+        raise error
+
+    assert run_command(_parser(run), []) == 2
+    assert capsys.readouterr().err.count(note) == 1
 
 
 def test_warnings_to_users_are_one_line_while_a_command_runs() -> None:
