@@ -77,6 +77,9 @@ def _apply(tree: Any, override: str, location: Location, model: type[BaseModel])
     if bool(equals) == removes or not all(parts):
         hint = "write it as `path.of.keys=value`, or as `~path.of.keys` to remove them"
         raise ConfigError(Problem("not an override", location=location, hint=hint))
+    if not removes and not text.strip():  # often an unset variable of a shell, not a null that is meant
+        hint = f"give a value, write `{dotted}=null`, or `~{dotted.removesuffix(APPEND)}` to remove it"
+        raise ConfigError(Problem("the value is empty", location=location, hint=hint))
     parts = _with_platform(tree, parts)
     if parts[-1].endswith(APPEND) and not removes:
         return _appended(tree, parts, text, location, model)
