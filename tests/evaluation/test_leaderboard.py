@@ -101,18 +101,22 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     assert "| 12 | 3 min |" in page
     assert json.loads((tmp_path / "kept/small/mine/evaluation.json").read_text())["episodes"] == 4
     monkeypatch.setattr(command, "fly_candidates", lambda *_: pytest.fail("a known row is flown again"))
-    code, out, _ = typed("boards.yml", "more.yml", "--results", "kept")
+    code, out, err = typed("boards.yml", "more.yml", "--results", "kept")
     assert code == 0
+    assert "[2/2] Small: mine\n  stored in kept/small/mine\n" in err
     assert out.splitlines()[5:] == [*page.splitlines()[5:], ""]
 
 
-def test_a_row_of_other_episodes_is_flown_again(typed, monkeypatch):
+def test_a_row_of_other_episodes_or_of_another_version_is_flown_again(typed, monkeypatch):
     assert typed("boards.yml", "--results", "kept")[0] == 0
     flown = []
     whole = command.fly_candidates
     monkeypatch.setattr(command, "fly_candidates", lambda *given: flown.append(given) or whole(*given))
     assert typed("boards.yml", "--results", "kept", "--episodes", "5")[0] == 0
     assert len(flown) == 1
+    monkeypatch.setattr(command, "__version__", "99.0")
+    assert typed("boards.yml", "--results", "kept", "--episodes", "5")[0] == 0
+    assert len(flown) == 2
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ from safe_inspect.evaluation.shipped import shipped_policy
 from safe_inspect.evaluation.task import default_metrics, differing_keys, task_of
 from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.outputs import check_writable, new_file
+from safe_inspect.version import __version__
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,7 +148,9 @@ def _standing(arguments: argparse.Namespace, entry: _Entry, leaderboard: Leaderb
     folder = arguments.results / slug(entry.board.title) / slug(entry.row.title)
     if entry.candidate is None:
         return _plans(entry, folder.with_suffix(".json"), leaderboard)
-    if not _is_known(folder, entry, leaderboard):
+    if _is_known(folder, entry, leaderboard):
+        print(f"  stored in {folder}", file=sys.stderr)
+    else:
         wanted = argparse.Namespace(
             command=arguments.command, output=folder, force=True, episodes=leaderboard.episodes, seed=leaderboard.seed,
             num_envs=arguments.num_envs, record=0, reference=None, sampled=None, overrides=list(entry.overrides),
@@ -166,8 +169,8 @@ def _is_known(folder: Path, entry: _Entry, leaderboard: Leaderboard) -> bool:
         record = read_evaluation_record(folder)
     except EvaluationError:
         return False
-    wanted = leaderboard.episodes, leaderboard.seed, entry.candidate.experiment.resolved
-    flown = [record.get(key) for key in ("episodes", "seed", "configuration")]
+    wanted = __version__, leaderboard.episodes, leaderboard.seed, entry.candidate.experiment.resolved
+    flown = [record.get(key) for key in ("safe_inspect", "episodes", "seed", "configuration")]
     same: bool = flown == json.loads(json.dumps(wanted, default=str))
     return same and record["source"]["sha256"] == entry.candidate.source["sha256"]
 
