@@ -96,7 +96,7 @@ class PassiveComponent(Component):
 
 
 def require_different(components: Sequence[Component]) -> None:
-    """Check that there are no two components of one class, which would write the same arrays.
+    """Check that there are no two components of one class, or with estimates, which would write the same arrays.
 
     Raises:
         ArgumentError: There are.
@@ -105,6 +105,8 @@ def require_different(components: Sequence[Component]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ArgumentError(f"there are {names.count(name)} components {name}; combine them into one")
+    if len(estimating := [component.registered_name for component in components if component.estimates]) > 1:
+        raise ArgumentError(f"{' and '.join(estimating)} estimate the states; remove one of them, or its errors")
 
 
 class RunningComponent:

@@ -116,9 +116,13 @@ def test_sensors_read_the_estimates_and_filters_are_refused():
         environment(1, "RTAGlueCWHInspection1v1.config.enabled=True")
 
 
-def test_estimates_of_two_components_are_refused():
-    listed = "[{functor: BoundedDisturbance, config: {position_error: 1}}, {functor: KalmanFilter}]"
-    with pytest.raises(ValueError, match="two components estimate the states"):
-        environment(1, f"{SIMULATOR}.disturbance={listed}")
+@pytest.mark.parametrize("order", [1, -1])
+def test_estimates_of_two_components_are_refused(order):
+    listed = ["{functor: BoundedDisturbance, config: {position_error: 1}}", "{functor: KalmanFilter}"][::order]
+    with pytest.raises(ConfigError, match=r"disturbance: \w+ and \w+ estimate the states; remove one of them"):
+        environment(1, f"{SIMULATOR}.disturbance=[{', '.join(listed)}]")
+
+
+def test_a_vehicle_that_turns_is_refused():
     with pytest.raises(ValueError, match="KalmanFilter is for point masses"):
         environment(1, task="weighted-six-dof-inspection")

@@ -58,10 +58,8 @@ class KalmanFilter(Component):
         """Return the running filters.
 
         Raises:
-            ArgumentError: Another component estimates the states, or the deputies turn.
+            ArgumentError: The deputies turn.
         """
-        if _POSITION in world.offers.view:
-            raise ArgumentError("two components estimate the states; remove the KalmanFilter, or the other errors")
         if "turning_body" in world.offers.world:
             raise ArgumentError("KalmanFilter is for point masses, whose thrust is along Hill's axes; remove it")
         return _RunningFilter(self, world)
