@@ -170,7 +170,26 @@ def test_metrics_that_do_not_fit_are_refused_in_these_words(spec: Any) -> None:
         def __call__(self, step):
             return None
 
+    def reduced(name, **attributes):
+        members = {"__doc__": "Say one.", "__module__": __name__, "__call__": One.__call__}
+        return type(name, (Metric,), members | attributes)()
+
     for given, kind, words in (
+        (
+            [reduced("Median", reduce="median")],
+            SafeInspectError,
+            "the `reduce` of the metric Median is 'median'; set it to one of sum, mean, min",
+        ),
+        (
+            [reduced("Unreduced")],
+            SafeInspectError,
+            "the `reduce` of the metric Unreduced is None; set it to one of sum, mean",
+        ),
+        (
+            [reduced("Together", reduce="sum", over_agents="last")],
+            SafeInspectError,
+            "the `over_agents` of the metric Together is 'last'; set it to one of sum",
+        ),
         ([One], ArgumentError, "a metric must be an object such as ThrustingSteps(), got <class"),
         (
             [One(name="a/b")],

@@ -39,7 +39,8 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
 
     Raises:
         ArgumentError: An object is not a metric.
-        SafeInspectError: A metric refers to something that the task does not have, or two metrics have the same label.
+        SafeInspectError: A metric has no valid reduction or refers to something that the task does not have, or two
+            metrics have the same label.
     """
     for metric in metrics:
         if not isinstance(metric, BaseMetric):
@@ -50,6 +51,12 @@ def check_metrics(spec: EnvironmentSpec, metrics: Sequence[BaseMetric]) -> None:
             raise SafeInspectError(
                 f"the metric {metric.registered_name} extends neither Metric nor TeamMetric; derive it from one of them"
             )
+        for field, allowed in (("reduce", [*_COMBINED]), ("over_agents", [None, *_TOGETHER])):
+            if (value := getattr(metric, field, None)) not in allowed:
+                texts = ", ".join(text for text in allowed if text)
+                raise SafeInspectError(
+                    f"the `{field}` of the metric {metric.registered_name} is {value!r}; set it to one of {texts}"
+                )
         if "/" in label:
             raise SafeInspectError(
                 f"the label {label!r} of a metric has a slash, which is reserved for reward terms; leave it out"
