@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -173,14 +174,61 @@ def test_a_module_that_fails_is_named_with_its_line(copied, tmp_path, monkeypatc
     assert f"{place}={value}" in str(caught.value)
 
 
-def test_a_done_function_without_a_status(copied, tmp_path, monkeypatch):
-    lines = ["from safe_inspect.dones import DoneFunction", "class StatuslessDone(DoneFunction):"]
+@pytest.mark.parametrize("status", ["", "    status = DoneStatus.RUNNING"])
+def test_a_done_function_without_a_status(copied, tmp_path, monkeypatch, status):
+    lines = ["from safe_inspect.dones import DoneFunction, DoneStatus", "class StatuslessDone(DoneFunction):", status]
     (tmp_path / "statusless.py").write_text("\n".join([*lines, "    def __call__(self, step): return step.dt < 0"]))
+    monkeypatch.delitem(sys.modules, "statusless", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(registry._classes, "done", dict(registry.items("done")))
-    with pytest.raises(ConfigError, match=r"StatuslessDone has no `status`; define one in its class") as caught:
+    with pytest.raises(
+        ConfigError, match=r"StatuslessDone has no `status` of an end; define one in its class"
+    ) as caught:
         load_experiment(copied / "experiment.yml", ["dones.1={functor: statusless.StatuslessDone}"])
     assert "dones[1]" in str(caught.value)
+
+
+PARTS = """
+from typing import ClassVar
+
+from safe_inspect.glues import ObservationGlue
+from safe_inspect.platforms import Sensor
+
+class {name}Sensor(Sensor):
+    elements = {elements}
+    bounds = {bounds}
+
+    def __call__(self, view): return view.position[:, :1]
+
+class {name}Glue(ObservationGlue):
+    names: ClassVar[tuple[str, ...]] = ("x",)
+
+    def bounds(self, parts): return [0.0], [1.0]
+    def __call__(self, view): return view.position[:, :1]
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "elements", "bounds", "added", "message"),
+    [
+        (
+            "Turned",
+            ("x",),
+            (180.0, 0.0),
+            "parts+",
+            "the bounds of TurnedSensor are reversed: 180 is above 0",
+        ),
+        ("Text", "angle", (0.0, 1.0), "parts+", r"the elements of TextSensor are .* write the tuple \('angle',\)"),
+        ("Fixed", ("x",), (0.0, 1.0), "glues+", "`names` of FixedGlue is not a method; define it with `def`"),
+    ],
+)
+def test_attributes_of_a_plugin_that_do_not_fit(copied, tmp_path, monkeypatch, name, elements, bounds, added, message):
+    text = PARTS.format(name=name, elements=repr(elements), bounds=bounds)
+    (tmp_path / f"attributes_{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    item = f"part: attributes_{name}.{name}Sensor" if added == "parts+" else f"functor: attributes_{name}.{name}Glue"
+    with pytest.raises(ConfigError, match=message):
+        load_experiment(copied / "experiment.yml", [f"blue0_ctrl.{added}=[{{{item}}}]"])
 
 
 def test_overrides_that_are_one_text(copied):

@@ -73,8 +73,9 @@ def build_agent(entry: AgentEntry, place: Place, world: WorldValues, setting: Ag
     for key, functors in (("rewards", body.rewards), ("dones", dones)):
         check_unique(key, (named.name for named in functors), inside.at(key))
     for index, named in enumerate(dones):
-        if not isinstance(getattr(named.functor, "status", None), DoneStatus):
-            text = f"{named.name} has no `status`; define one in its class, such as DoneStatus.LOSE"
+        status = getattr(named.functor, "status", None)
+        if not isinstance(status, DoneStatus) or status == DoneStatus.RUNNING:
+            text = f"{named.name} has no `status` of an end; define one in its class, such as DoneStatus.LOSE"
             inside.report(text, "dones", index)
     if sound:
         _check_glues(body.glues, parts, inside.at("glues"), observes=scripted is None)
@@ -117,10 +118,27 @@ def _parts(body: AgentBody, dones: _Dones, place: Place, setting: AgentSetting) 
     for index, part in enumerate(body.parts):
         try:
             parts[part.part_name] = part.in_task(setting.simulator, horizon) if isinstance(part, Sensor) else part
+            _check_reading(parts[part.part_name])
         except ValueError as error:
             place.report(str(error), index, "config")
             parts[part.part_name] = part
     return parts
+
+
+def _check_reading(part: Part) -> None:
+    """Check the elements and the bounds of a sensor.
+
+    Raises:
+        ValueError: The elements are one text, or the bounds are reversed.
+    """
+    if not isinstance(part, Sensor):
+        return
+    if isinstance(part.element_names, str):
+        name = part.element_names
+        raise ValueError(f"the elements of {part.registered_name} are the text {name!r}; write the tuple ({name!r},)")
+    low, high = part.limits
+    if low > high:
+        raise ValueError(f"the bounds of {part.registered_name} are reversed: {low:g} is above {high:g}; swap them")
 
 
 def _check_carries(platform: str, parts: Mapping[str, Part], place: Place, setting: AgentSetting) -> None:
@@ -211,6 +229,9 @@ def _check_glues(glues: Sequence[Glue], parts: Mapping[str, Part], place: Place,
     commanded: set[str] = set()
     discrete: set[bool] = set()
     for index, glue in enumerate(glues):
+        if attributes := [name for name in ("names", "bounds") if not callable(getattr(glue, name))]:
+            place.report(f"`{attributes[0]}` of {glue.registered_name} is not a method; define it with `def`", index)
+            continue
         try:
             glue.bounds(parts)
         except (ValueError, UnitError) as error:
