@@ -55,6 +55,13 @@ def test_the_filter_of_the_team_counts_if_it_is_enabled(capsys: pytest.CaptureFi
     assert code == 1
 
 
+def test_a_mistake_that_is_not_of_a_filter_is_printed_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    twice = f"{SIMULATOR}.disturbance=[{{functor: ThrusterModel}}, {{functor: ThrusterModel}}]"
+    code, _, _, err = table(capsys, ORBITS, twice)
+    assert (code, err.count("there are 2 components ThrusterModel")) == (2, 1)
+    assert "enabled" not in err
+
+
 def test_a_part_without_a_bound_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     failing = f"{SIMULATOR}.disturbance={{functor: ThrusterModel, config: {{failure_probability: 0.1}}}}"
     code, lines, _, _ = table(capsys, ORBITS, failing)

@@ -59,7 +59,10 @@ def _load(arguments: argparse.Namespace) -> tuple[Experiment, Sequence[Problem]]
             raise
         paths = dict.fromkeys(match[1] for match in matches if match)
         disabled = [path.replace("[", ".").replace("]", "") + ".config.enabled=False" for path in paths]
-        return load([*arguments.overrides, *disabled]), error.problems
+        try:
+            return load([*arguments.overrides, *disabled]), error.problems
+        except ConfigError:  # the mistake is not one of a filter
+            raise error from None
 
 
 def _filters(experiment: Experiment) -> Iterator[tuple[str, str, Any]]:
