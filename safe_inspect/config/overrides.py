@@ -11,6 +11,7 @@ item.
 from __future__ import annotations
 
 import re
+import shlex
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -144,7 +145,7 @@ def _several(tree: Any, parts: list[str], found: list[Found], text: str, locatio
     hint = f"write one of {', '.join(f'`{name}`' for name in names)}{more}"
     numbers = {_number(tree, path) for path in found}
     if not more and text and len(numbers) == 1 and None not in numbers:
-        hint = f"all are {numbers.pop():g} now; to replace each, write {' '.join(f'{name}={text}' for name in names)}"
+        hint = f"all are {numbers.pop():g} now; to replace each, write {shlex.join(f'{name}={text}' for name in names)}"
     message = f"`{'.'.join(parts)}` fits {len(found)} places"
     return Problem(message, location=location, hint=hint, ambiguous=True)
 

@@ -306,6 +306,8 @@ def test_a_number_that_occurs_in_several_places_is_replaced_in_all_as_the_messag
     with pytest.raises(ConfigError, match="`mass` fits 3 places; all are 12 now; to replace each, write ") as refused:
         load_experiment(SHIPPED, ["mass=20"])
     every = str(refused.value).partition("to replace each, write ")[2].split()
+    with pytest.raises(ConfigError, match=r"to replace each, write '\S+mass=20 kg' '"):
+        load_experiment(SHIPPED, ["mass=20 kg"])
     spec = load_experiment(SHIPPED, every).spec
     assert [platform.mass for platform in spec.platforms.values()] == [20.0]
 
