@@ -219,9 +219,9 @@ def _explained(error: Exception) -> str:
         frames = traceback.extract_tb(error.__traceback__)
         calls = traceback.format_list([call for call in frames if not any(part in call.filename for part in own)])
         fix = "fix it, and test it with safe_inspect.testing.check_plugin"
-        text = f"{''.join(calls)}error: {type(error).__name__}: {error}"
-        first = [] if raised in text else [raised]  # Ray repeats the notes in the text of an error
-        return "; ".join([text, *first, fix, *(note for note in notes if note != raised)])
+        message = f"{''.join(calls)}error: {type(error).__name__}: {error}"
+        first = [] if raised in message else [raised]  # Ray repeats the notes in the text of an error
+        return "; ".join([message, *first, fix, *(note for note in notes if note != raised)])
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         discard_output()
         text = cannot_write(error.filename or "standard output", error, "write elsewhere")
