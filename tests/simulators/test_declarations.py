@@ -33,7 +33,7 @@ def test_a_component_declares_nothing_by_default() -> None:
 
 
 def test_two_components_of_one_class_are_refused() -> None:
-    other = SimpleNamespace(registered_name="Other")
+    other = SimpleNamespace(registered_name="Other", estimates=False)
     require_different([Plain(), other])  # type: ignore[list-item]
     for given in ([Plain(), Plain()], [other, Plain(), Plain()]):
         with pytest.raises(ArgumentError, match="there are 2 components PlainComponent; combine them into one"):
