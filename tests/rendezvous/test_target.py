@@ -231,6 +231,20 @@ def test_samples_are_as_dense_as_asked_and_lie_on_the_surface() -> None:
     assert (np.einsum("ni,ni->n", facing.normals, camera - facing.points) > 0.0).all()
 
 
+def test_a_body_with_inward_faces_is_refused_unless_it_is_a_cavity(tmp_path: Path) -> None:
+    trimesh = require("trimesh")
+    body, hole = trimesh.creation.box((1.0, 1.0, 1.0)), trimesh.creation.box((0.5, 0.5, 0.5))
+    hole.invert()
+    for name, offset in (("cavity", 0.0), ("overlapping", 0.5), ("apart", 2.0)):
+        trimesh.util.concatenate([body, hole.copy().apply_translation((offset, 0.0, 0.0))]).export(
+            tmp_path / f"{name}.stl"
+        )
+    assert _read_mesh(tmp_path / "cavity.stl").volume == pytest.approx(1.0 - 0.125)
+    for name in ("overlapping", "apart"):
+        with pytest.raises(ConfigError, match="make all faces point outwards"):
+            _read_mesh(tmp_path / f"{name}.stl")
+
+
 def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
     mesh = require("trimesh").creation.box()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     """Read a mesh file with trimesh and scale it.
 
     Raises:
-        ConfigError: The file cannot be read, or its surface is not closed.
+        ConfigError: The file cannot be read, or its surface is not closed or has inward faces.
     """
     name = os.fspath(path)
     trimesh = require("trimesh")
@@ -31,7 +32,7 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
     except Exception as error:  # The errors of trimesh depend on the format.
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(f"{name}: the mesh cannot be read ({reason}); give an STL, PLY or OBJ file") from None
-    if not mesh.is_volume:
+    if not mesh.is_volume or _has_inverted_body(mesh.split()):
         raise ConfigError(
             f"{name}: the mesh is not a closed surface with outward faces (watertight: {mesh.is_watertight}, "
             f"consistent winding: {mesh.is_winding_consistent}); close its holes, "
@@ -39,6 +40,13 @@ def _read_mesh(path: str | os.PathLike[str], scale: float = 1.0) -> Any:
         )
     mesh.apply_scale(scale)
     return mesh
+
+
+def _has_inverted_body(bodies: Sequence[Any]) -> bool:
+    """Return whether the faces of a body point inwards, except for a cavity, which is inside another body."""
+    inverted = [body for body in bodies if body.volume < 0.0]
+    solid = [body for body in bodies if body.volume > 0.0] if inverted else []
+    return any(not any(body.contains(hole.vertices).all() for body in solid) for hole in inverted)
 
 
 class MeshTarget(TargetModel):
