@@ -11,7 +11,7 @@ import numpy as np
 from safe_inspect.config.fields import written_values
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text
 from safe_inspect.dynamics.tumble import largest_rate, tumble
-from safe_inspect.errors import ConfigError, Problem
+from safe_inspect.errors import ConfigError, InitialStateError, Problem
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.estimation.mapping import START_DISTANCE
@@ -98,8 +98,14 @@ def initial_tumbles(config: RendezvousConfig, streams: Streams) -> tuple[FloatAr
     Args:
         config: The experiment.
         streams: Random streams with a row for each mission.
+
+    Raises:
+        ConfigError: The parameter does not give an attitude and an angular velocity for each mission.
     """
-    return tumble_states("tumble", config.tumble(Draw(streams, "tumble")))
+    try:
+        return tumble_states(config.tumble.registered_name, config.tumble(Draw(streams, "tumble")), len(streams))
+    except InitialStateError as error:
+        raise ConfigError(Problem(str(error), "tumble")) from None
 
 
 def check_scenario(experiment: Rendezvous, missions: int = 1) -> list[Problem]:

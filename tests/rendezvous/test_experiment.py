@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from safe_inspect.config.data import configs_root
-from safe_inspect.errors import ConfigError, InitialStateError, MissingLibraryError
+from safe_inspect.errors import ConfigError, MissingLibraryError
 from safe_inspect.missions.scenario import check_scenario, initial_tumbles, mission_streams
 from safe_inspect.rendezvous.experiment import build_rendezvous, load_rendezvous, read_target
 from safe_inspect.rendezvous.inertial_unit import ImuNoise
@@ -177,7 +177,8 @@ def test_a_tumble_is_any_parameter_with_an_attitude_and_a_rate(key: str) -> None
         (np.deg2rad(1.0) <= np.linalg.norm(rates, axis=1)) & (np.linalg.norm(rates, axis=1) <= np.deg2rad(5.0))
     ).all()
     other = load_rendezvous(SHIPPED, [f"tumble={{{key}: ConstantParameter}}"])
-    with pytest.raises(InitialStateError, match="`tumble` gives no attitude and angular velocity; use TumbleParameter"):
+    message = r"command line: tumble=.*: tumble: `ConstantParameter` gives no attitude and angular velocity; use Tumble"
+    with pytest.raises(ConfigError, match=message):
         check_scenario(other)
 
 

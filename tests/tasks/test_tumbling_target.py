@@ -21,7 +21,7 @@ from safe_inspect.simulators import Draw
 from safe_inspect.simulators.resets.parameters import ConstantParameter, UniformParameter
 from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_principal_axes
 from safe_inspect.tasks.rendezvous.target import TumblingTarget
-from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
+from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter, tumble_states
 
 TASK = "safe_inspect/TumblingRendezvous-v0"
 COAST = 3  # index of the level 0 N
@@ -139,6 +139,21 @@ def test_mistakes_are_one_message():
     env = environment(1)
     with pytest.raises(InitialStateError, match="gives no attitude and angular velocity; use TumbleParameter"):
         env.simulation.components["TumblingTarget"].reset(env.state, {"target_tumble": {"position": np.zeros((1, 3))}})
+
+
+@pytest.mark.parametrize(
+    ("orientation", "rate", "message"),
+    [
+        ([[0.0, 0.0, 0.0, 1.0]] * 2, np.zeros((2, 3)), "`Mine` returned .* as orientation; it must be an array"),
+        (np.eye(4)[3], np.zeros((2, 3)), r"an array of shape \(4,\) as orientation; .* shape \(2, 4\)"),
+        (np.eye(4)[:2], np.zeros(3), r"an array of shape \(3,\) as angular_velocity; .* shape \(2, 3\)"),
+        (np.eye(4)[:2], np.full((2, 3), np.nan), "`Mine` must give unit quaternions as orientation and finite numbers"),
+        (2.0 * np.eye(4)[:2], np.zeros((2, 3)), "`Mine` must give unit quaternions"),
+    ],
+)
+def test_the_result_of_a_tumble_is_checked(orientation, rate, message):
+    with pytest.raises(InitialStateError, match=message):
+        tumble_states("Mine", {"orientation": orientation, "angular_velocity": rate}, 2)
 
 
 def test_the_draws_of_a_row_do_not_depend_on_the_batch():

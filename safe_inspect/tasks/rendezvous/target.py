@@ -93,7 +93,7 @@ def _follow_target(body: _TargetBody, dt: float, steps: int, arrays: _TargetArra
 _TUMBLE = "target_tumble"
 #: Longest step of the fourth-order Runge-Kutta method [s].
 _LONGEST_STEP = 0.5
-_AT_REST: Mapping[str, Any] = {"orientation": (0.0, 0.0, 0.0, 1.0), "angular_velocity": 0.0}
+_AT_REST: tuple[Any, Any] = ((0.0, 0.0, 0.0, 1.0), 0.0)
 #: Names of the arrays, in the order of `_TargetArrays`.
 _OF_TARGET = ("target_orientation", "target_angular_velocity", "mating_point_position", "mating_point_velocity")
 _OF_CHASER = ("clearance", "least_clearance")
@@ -160,8 +160,9 @@ class _RunningTarget(RunningComponent):
         self.arrays = {name: ArraySpec(sizes[name]) for name in (*_OF_TARGET, *_OF_CHASER)}
 
     def reset(self, state: State, values: Mapping[str, Any]) -> None:
-        orientation, rate = tumble_states(_TUMBLE, values.get(_TUMBLE, _AT_REST))
-        state["target_orientation"][...], state["target_angular_velocity"][...] = orientation, rate
+        attitudes, drawn = state["target_orientation"], values.get(_TUMBLE)
+        started = _AT_REST if drawn is None else tumble_states(_TUMBLE, drawn, len(attitudes))
+        attitudes[...], state["target_angular_velocity"][...] = started
         state["least_clearance"][...] = np.inf
         self._follow(state, 0)
 

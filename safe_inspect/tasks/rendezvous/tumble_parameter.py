@@ -10,28 +10,41 @@ import numpy as np
 from pydantic import field_validator, model_validator
 
 from safe_inspect.dynamics.quaternion import normalise
-from safe_inspect.errors import InitialStateError
+from safe_inspect.errors import InitialStateError, PluginValueError
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import Plugin
+from safe_inspect.plugins.results import require_arrays
 from safe_inspect.simulators.resets.initializers import GivenAttitude, drawn_attitude, repeated_unit, require_length
 from safe_inspect.simulators.resets.parameters import Draw, Parameter, ScalarParameter, UniformParameter
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeAngularRate
 
+#: Largest error of the length of a quaternion [-].
+_ROUNDING = 1e-6
 
-def tumble_states(name: str, drawn: Any) -> tuple[FloatArray, FloatArray]:
+
+def tumble_states(name: str, drawn: Any, rows: int) -> tuple[FloatArray, FloatArray]:
     """Return attitudes q_WT, shape (R, 4), and angular velocities in T [rad/s], shape (R, 3), of a sampled tumble.
 
     Args:
         name: Name of the parameter, for the message.
         drawn: Value of the parameter.
+        rows: Number of rows R.
 
     Raises:
-        InitialStateError: The value has no attitude and angular velocity.
+        InitialStateError: The value has no attitude and angular velocity, or they are not finite, of another shape, or
+            not unit quaternions.
     """
     if not (isinstance(drawn, Mapping) and {"orientation", "angular_velocity"} <= drawn.keys()):
         raise InitialStateError(f"`{name}` gives no attitude and angular velocity; use TumbleParameter")
-    return drawn["orientation"], drawn["angular_velocity"]
+    orientation, rate = drawn["orientation"], drawn["angular_velocity"]
+    try:
+        require_arrays(f"`{name}`", (("orientation", orientation, (rows, 4)), ("angular_velocity", rate, (rows, 3))))
+    except PluginValueError as error:
+        raise InitialStateError(str(error)) from None
+    if not (np.abs(np.linalg.norm(orientation, axis=1) - 1.0) <= _ROUNDING).all() or not np.isfinite(rate).all():
+        raise InitialStateError(f"`{name}` must give unit quaternions as orientation and finite numbers")
+    return orientation, rate
 
 
 class TumbleParameter(Parameter):

@@ -184,7 +184,7 @@ def _target(target: Target) -> Any:
 
 
 def _tumble(plugin: Parameter, streams: Streams) -> Any:
-    return tuple(value[0] for value in tumble_states("tumble", plugin(Draw(streams, "tumble"))))
+    return tuple(value[0] for value in tumble_states("tumble", plugin(Draw(streams, "tumble")), 1))
 
 
 def _targets() -> Any:
