@@ -11,7 +11,8 @@ import numpy as np
 from safe_inspect.config.fields import written_values
 from safe_inspect.config.loading.located import LocatedDict, locate, path_text
 from safe_inspect.dynamics.tumble import largest_rate, tumble
-from safe_inspect.errors import ConfigError, InitialStateError, Problem
+from safe_inspect.errors import ConfigError, InitialStateError, PluginValueError, Problem
+from safe_inspect.plugins.results import called, require_arrays, require_type
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.coordination.context import clearances
 from safe_inspect.rendezvous.estimation.mapping import START_DISTANCE
@@ -49,11 +50,13 @@ def checked_target(config: RendezvousConfig) -> Target:
     chaser = config.chaser
     try:
         target: Target = config.target()
+        require_type(call := called(config.target), target, Target)
+        require_arrays(call, (("mating_point", target.mating_point, (3,)), ("inertia", target.inertia, (3, 3))))
         principal = target.principal
     except ConfigError as error:  # The mistake is in a file, which is not a key of the experiment.
         problems = [replace(problem, path=problem.path or "target.config") for problem in error.problems]
         raise ConfigError(problems) from None
-    except ValueError as error:
+    except (ValueError, PluginValueError) as error:
         raise ConfigError(Problem(str(error), "target.config")) from None
     point, path = target.mating_point, "target.config.mating_point"
     distance = float(np.linalg.norm(point))

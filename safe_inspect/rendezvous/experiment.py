@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
@@ -25,6 +25,7 @@ from safe_inspect.rendezvous.inertial_unit import ImuNoise, checked_noise
 from safe_inspect.rendezvous.measured_poses import MarkSensor, PoseSensor, StateSensor
 from safe_inspect.rendezvous.models import ChaserConfig, MissionConfig
 from safe_inspect.rendezvous.plugins import MeshTarget
+from safe_inspect.rendezvous.readings import Reading
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.units import PositiveDuration
 
@@ -96,6 +97,10 @@ class RendezvousConfig(Model):
         mission, sensors, reads = self.mission, self.sensors, self.estimator.reads
         steps = round(sensors.frame_period / mission.step)
         has_frames = "frames" in reads or "poses" in reads
+        unknown = [name for name in reads if name not in get_args(Reading)]
+        if unknown:
+            message = f"its `reads` has {unknown[0]!r}; it must be a tuple of {', '.join(get_args(Reading))}"
+            problems.append((("estimator",), message))
         if has_frames and (steps < 1 or abs(steps * mission.step - sensors.frame_period) > 1e-9):
             message = f"is not a multiple of the control step, {mission.step:g} s; round it"
             problems.append((("sensors", "frame_period"), f"{sensors.frame_period:g} s {message}"))

@@ -121,6 +121,8 @@ CASES: list[tuple[str, dict[str, Any], bool]] = [
     ("departed", {"elapsed": 60.0}, True), ("departed", {"elapsed": 59.9}, False),
     ("departed", {"awaits_poses": False}, True), ("departed", {"awaits_poses": False, "push": np.full(3, 1e-8)}, False),
     ("departed", {"awaits_poses": False, "push": np.full(3, 5e-10)}, True),
+    ("departed", {"elapsed": 60.0, "push": np.full(3, np.nan)}, True),
+    ("departed", {"elapsed": 60.0, "push": np.full(3, np.inf)}, True),
     ("sees_target", {"poses": 5}, True), ("sees_target", {"poses": 4}, False), ("sees_target", {"updated": 98.0}, True),
     ("sees_target", {"updated": 97.9}, False), ("sees_target", {"silent": frozenset({"camera"})}, False),
 ]  # fmt: skip

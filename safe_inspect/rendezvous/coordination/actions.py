@@ -8,12 +8,13 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import rotate
 from safe_inspect.dynamics.tide import largest_tide, tidal_acceleration
+from safe_inspect.plugins.results import called, require_type
 from safe_inspect.rendezvous.control.bound import Bound, BoundQuery
 from safe_inspect.rendezvous.control.design import DesignRequest, TubeDesign
 from safe_inspect.rendezvous.control.tube import TrackedReference, remaining
 from safe_inspect.rendezvous.coordination.context import Following, MissionContext, Phase
 from safe_inspect.rendezvous.coordination.escape import departure_velocity, find_escape, remains_clear
-from safe_inspect.rendezvous.coordination.guards import fault_name, out_of_time, sees_target
+from safe_inspect.rendezvous.coordination.guards import estimate_is_finite, fault_name, out_of_time, sees_target
 from safe_inspect.rendezvous.estimate import StateEstimate
 from safe_inspect.rendezvous.planner.checks import certify, plan_mistake
 from safe_inspect.rendezvous.planner.query import Plan, PlanQuery, PlanStatus
@@ -222,6 +223,7 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
         step=mission.step,
     )
     plan: Plan = context.config.planner(query)
+    require_type(called(context.config.planner), plan, Plan)
     mistake = plan_mistake(query, plan) if plan.solved else ""
     if mistake:
         plan = Plan(PlanStatus.REFUSED, plan.t_start, plan.duration, report=replace(plan.report, message=mistake))
@@ -283,6 +285,7 @@ def make_tube(context: MissionContext) -> None:
         gain=context.demands.gain,
     )
     design = config.tracker.design(request)
+    require_type(called(config.tracker, "design"), design, TubeDesign)
     if design.accepted and not _is_certified(context, plan, design):
         design = replace(design, refusal="the plan does not keep the tube's clearance")
     if design.accepted and mission.mean_motion and np.sqrt(3.0) * design.tube.position.max() > 0.9 * mission.length:
@@ -318,7 +321,9 @@ def start_approach(context: MissionContext) -> None:
 
 
 def renew_escape(context: MissionContext) -> None:
-    """Search for an escape; if there is none, keep the last one and log it."""
+    """Search for an escape; if there is none, keep the last one and log it. There is none without an estimate."""
+    if not estimate_is_finite(context):
+        return
     mission = context.config.mission
     found = find_escape(context.estimate, context.target, context.limits, mission.escapes, mission.length)
     if found is None:

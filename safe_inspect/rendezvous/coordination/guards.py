@@ -40,6 +40,12 @@ def checkout_too_long(context: MissionContext) -> bool:
     return bool(context.elapsed >= context.config.mission.checkout_limit - _ROUNDING)
 
 
+def estimate_is_finite(context: MissionContext) -> bool:
+    """Return whether the estimate has a position, a velocity and an attitude of the target."""
+    estimate = context.estimate
+    return bool(np.isfinite(estimate.translation).all() and np.isfinite(estimate.target.orientation).all())
+
+
 def fault(context: MissionContext) -> bool:
     """Return whether there is a fault with which it is unsafe to continue."""
     return bool(fault_name(context))
@@ -48,10 +54,7 @@ def fault(context: MissionContext) -> bool:
 def fault_name(context: MissionContext) -> str:
     """Return the name of the current fault of a sensor, the estimate or the clearance; empty without a fault."""
     mission = context.config.mission
-    if (
-        not np.isfinite(context.estimate.translation).all()
-        or not np.isfinite(context.estimate.target.orientation).all()
-    ):
+    if not estimate_is_finite(context):
         return "estimate not finite"
     is_awaited = context.phase is Phase.CHECKOUT  # The inertial unit may be silent until `checkout_limit`.
     if context.time - context.imu_time > mission.imu_silence + _ROUNDING and not is_awaited:
@@ -201,7 +204,8 @@ def may_resume(context: MissionContext) -> bool:
 def departed(context: MissionContext) -> bool:
     """Return whether the push of a departure is over and the chaser need not wait longer for poses."""
     is_over = context.elapsed >= context.config.mission.departure_limit - _ROUNDING
-    return float(np.linalg.norm(context.push)) < _LEAST_PUSH and (is_over or not _may_wait(context))
+    is_pushed = not _LEAST_PUSH <= float(np.linalg.norm(context.push)) < np.inf  # NaN without a finite estimate
+    return is_pushed and (is_over or not _may_wait(context))
 
 
 def sees_target(context: MissionContext) -> bool:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics import quaternion
+from safe_inspect.errors import PluginValueError
+from safe_inspect.plugins.results import called, require_arrays, require_type
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.control.attitude import AttitudeController, CameraPointing
 from safe_inspect.rendezvous.control.tracker import LinearFeedback, TrackerOutput
@@ -136,6 +138,19 @@ def limits_of(chaser: ChaserConfig, length: float = 1.0) -> Limits:
     )
 
 
+def _check_estimate(call: str, estimate: StateEstimate) -> None:
+    """Raise a `PluginValueError` if the result of an estimator is no estimate."""
+    require_type(call, estimate, StateEstimate)
+    sizes = {"position": 3, "velocity": 3, "orientation": 4, "angular_velocity": 3}
+    states = [(body, getattr(estimate, body)) for body in ("chaser", "target")]
+    parts = [
+        (f"{body}.{name}", getattr(state, name, None), (size,))
+        for body, state in states
+        for name, size in sizes.items()
+    ]
+    require_arrays(call, [*parts, ("inertia", estimate.inertia, (3,))])
+
+
 class Pilot:
     """The flight computer of one mission, which computes commands from readings.
 
@@ -197,6 +212,7 @@ class Pilot:
             readings: The measurements since the last call.
         """
         estimate = self.estimator.update(readings)
+        _check_estimate(called(self.estimator, "update"), estimate)
         if self._pointing is None:
             self._begin(readings, estimate)
         self._sense(readings, estimate)
@@ -207,6 +223,8 @@ class Pilot:
         output, self.followed = self._follow()
         force = output.force
         command = Command(self._in_body(force), self._point())
+        if not np.isfinite(np.concatenate(command)).all():  # The estimate is not finite, which is a fault.
+            force, command = np.zeros(3), Command(np.zeros(3), np.zeros(3))
         context.motion.advance(force / self._config.chaser.mass, self._config.mission.step)
         return command
 
@@ -300,6 +318,11 @@ class Pilot:
         if following is not None:
             k = min(context.step - following.first_step, len(following.reference.position) - 1)
             output = following.tracker.step(x, following.reference, k)
+            call, shape = called(following.tracker, "step"), (3,)
+            require_type(call, output, TrackerOutput)
+            require_arrays(call, (("force", output.force, shape), ("outside", output.outside, shape)))
+            if np.isfinite(x).all() and not np.isfinite(output.force).all():
+                raise PluginValueError(f"{call} returned the force {output.force} at {context.time:g} s; clip it")
             context.outside = float(np.linalg.norm(output.outside))
             return output, np.concatenate([following.reference.position[k], following.reference.velocity[k]])
         if context.phase is Phase.DEPART:
