@@ -39,6 +39,11 @@ _STEP_SHAPES = {
     "estimated_target_q": (4,), "reference": (6,), "force": (3,), "torque": (3,),
     "flown": (6,), "clearance": (), "margin": (), "tube": (), "tube_force": (), "pointing_error": (),
 }  # fmt: skip
+#: Likewise, of the arrays that a log of an earlier version may lack.
+_OTHER_SHAPES = {
+    "estimated_x": (6,), "estimated_q": (4,), "estimated_target_p": (3,), "estimated_target_w": (3,),
+    "estimated_ratios": (2,), "nees": (), "sigma": (2,), "wrench": (6,),
+}  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -209,9 +214,10 @@ def _arrays(file: Path) -> dict[str, AnyArray]:
 
 def _check_shapes(file: Path, arrays: dict[str, AnyArray]) -> None:
     steps = len(arrays["t"]) if "t" in arrays and arrays["t"].ndim == 1 else 0
-    for name, shape in _STEP_SHAPES.items():
-        if name not in arrays:
-            raise _damaged(file, f"no array {name}")
+    missing = [name for name in _STEP_SHAPES if name not in arrays]
+    if missing:
+        raise _damaged(file, f"no array {missing[0]}")
+    for name, shape in (_STEP_SHAPES | {name: _OTHER_SHAPES[name] for name in _OTHER_SHAPES if name in arrays}).items():
         if not steps or arrays[name].shape != (steps, *shape):
             raise _damaged(file, f"{name} has the shape {arrays[name].shape}, not {(steps or 'K', *shape)}")
     if not np.isin(arrays["state"], np.arange(len(Phase))).all():

@@ -236,6 +236,8 @@ _NOT_FINITE = np.full((_STEPS, 4), np.nan)
         (_set("force", np.zeros((_STEPS, 2))), "(force has the shape (6, 2), not (6, 3))"),
         (_set("t", np.zeros((2, 2))), "(t has the shape (2, 2), not ('K',))"),
         (_set("t", np.zeros(0)), "(t has the shape (0,), not ('K',))"),
+        (_set("estimated_x", np.zeros((5, 6))), "(estimated_x has the shape (5, 6), not (6, 6))"),
+        (_set("sigma", np.zeros(6)), "(sigma has the shape (6,), not (6, 2))"),
         (_set("clearance", np.zeros(5)), "(clearance has the shape (5,), not (6,))"),
         (_set("state", np.full(_STEPS, 12)), "(state has a number that is not a phase)"),
         (_set("state", np.full(_STEPS, -1)), "(state has a number that is not a phase)"),
