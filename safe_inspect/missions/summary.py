@@ -117,7 +117,7 @@ def summarise_mission(
         - ``time`` [s] and ``time_on_approach`` [s].
         - ``least_clearance``: between the chaser's sphere and the target's boxes at all ticks [m].
         - ``mating_position_error`` [m] and ``mating_speed_error`` [m/s]: at the end.
-        - ``delta_v`` [m/s], ``largest_force`` along an axis of B [N].
+        - ``delta_v`` [m/s] and ``largest_force`` along an axis of B [N], as commanded, without errors of the actuators.
         - ``largest_gauge``: distance from the true reference along an axis relative to the tube's half width.
         - ``plans``: number of plans that were made; ``planning_time`` [s].
         - ``attitude_error``: of the target as the chaser sees it [rad], and ``nees``: of the target's attitude and
