@@ -59,6 +59,11 @@ def test_a_row_gives_the_same_bits_in_a_batch_of_any_size(rotated):
     assert (together[1] == np.concatenate([one[1] for one in alone])).all()
 
 
+def test_an_inertia_may_be_rounded():
+    moments, _ = principal_axes(np.array([[1.0, 1e-17, 0.0], [-2e-17, 2.0, 0.0], [0.0, 0.0, 2.5]]))
+    np.testing.assert_allclose(moments, [1.0, 2.0, 2.5])
+
+
 @pytest.mark.parametrize(
     ("inertia", "said"),
     [

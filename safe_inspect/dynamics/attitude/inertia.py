@@ -10,7 +10,8 @@ from safe_inspect.units import PositiveMomentOfInertia
 #: Field type of the principal moments of inertia of a body.
 PrincipalMoments = tuple[PositiveMomentOfInertia, PositiveMomentOfInertia, PositiveMomentOfInertia]
 
-#: Relative excess by which a principal moment may exceed the sum of the others, because data are rounded.
+#: Relative error of data that are rounded: of their symmetry, and by which a principal moment may exceed the sum of the
+#: others.
 _ROUNDING = 1e-9
 
 
@@ -30,7 +31,8 @@ def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
         ValueError: The matrix is not the inertia of a body: it is not symmetric, not positive, or J1 + J2 < J3.
     """
     inertia = np.asarray(inertia, dtype=np.float64)
-    if inertia.shape != (3, 3) or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
+    rounding = _ROUNDING * abs(np.trace(inertia)) if inertia.shape == (3, 3) else 0.0
+    if inertia.shape != (3, 3) or not np.allclose(inertia, inertia.T, rtol=_ROUNDING, atol=rounding):
         raise ValueError(
             "inertia must be a symmetric matrix of shape (3, 3) [kg m^2]; give it about the centre of mass"
         )
