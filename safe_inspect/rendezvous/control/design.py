@@ -252,8 +252,9 @@ def _refusal(plan: Plan, design: TubeDesign) -> str:
     if reserve[worst] < 0.0:
         return (
             f"tube: feedback needs {tube.force[worst]:.3f} N at {plan.times[worst] - plan.t_start:.1f} s, "
-            f"{-reserve[worst]:.3f} N more than the plan leaves: update more often (T_u), allow softer gains (K), "
-            "estimate better (Sigma), or plan a longer approach"
+            f"{-reserve[worst]:.3f} N more than the plan leaves: lower mission.update_ticks, "
+            "tracker.config.least_frequency or chaser.actuator.force_noise, estimate better, or give longer "
+            "mission.durations"
         )
     inside, slower = -design.state_reserve.min(axis=0)
     if inside > 0.0:
