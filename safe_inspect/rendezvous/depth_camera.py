@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.random.streams import Streams
@@ -155,6 +155,14 @@ class TimeOfFlightCamera(Plugin):
     least_range: PositiveLength = 0.2  # type: ignore[valid-type]
     largest_range: PositiveLength = 4.0  # type: ignore[valid-type]
     scale: float = Field(default=1.0, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_range(self) -> TimeOfFlightCamera:
+        if self.least_range >= self.largest_range:
+            raise ValueError(
+                f"least_range ({self.least_range:g} m) must be below largest_range ({self.largest_range:g} m)"
+            )
+        return self
 
     @property
     def geometry(self) -> DepthCamera:

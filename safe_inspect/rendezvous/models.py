@@ -36,6 +36,8 @@ _VelocityVector = tuple[Speed, Speed, Speed]  # type: ignore[valid-type]
 _LEAST_TICK, _STEPS = 1e-4, (0.02, 1.0)
 #: Largest number of control steps of an approach, and of waits that are tried before one.
 _MOST_STEPS, _MOST_WAITS = 5_000, 1_000
+#: Largest length of a scenario [m].
+_LARGEST_LENGTH = 1e6
 
 
 class ActuatorConfig(Model):
@@ -222,9 +224,12 @@ class MissionConfig(Model):
         if not (_STEPS[0] - 1e-9 <= self.step <= _STEPS[1] + 1e-9 and self.tick >= _LEAST_TICK):
             allowed = f"{_STEPS[0]:g} to {_STEPS[1]:g} s, and a tick {_LEAST_TICK:g} s or more"
             raise ValueError(f"the control step, tick times control_ticks, is {self.step:g} s; it must be {allowed}")
+        if self.length > _LARGEST_LENGTH:
+            raise ValueError(f"length: {self.length:g} m is more than {_LARGEST_LENGTH:,.0f} m")
         durations = (("durations", duration) for duration in self.durations)
         planning = (("planning_time", self.planning_time),) if self.planning_time else ()
-        for name, seconds in (*planning, ("hold_limit", self.hold_limit), ("wait_step", self.wait_step), *durations):
+        others = (("update_ticks", self.update_period), ("hold_limit", self.hold_limit), ("wait_step", self.wait_step))
+        for name, seconds in (*planning, *others, *durations):
             steps = seconds / self.step
             if steps > _MOST_STEPS:
                 most = _MOST_STEPS * self.step
@@ -232,6 +237,10 @@ class MissionConfig(Model):
             if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
                 step = f"the control step, {self.step:g} s (tick times control_ticks)"
                 raise ValueError(f"{name}: {seconds:g} s is not a multiple of {step}")
+        for name in ("checkout", "hold"):
+            least, most = getattr(self, name), getattr(self, f"{name}_limit")
+            if least > most:
+                raise ValueError(f"{name} ({least:g} s) is more than {name}_limit ({most:g} s)")
         wait, step = f"wait_limit ({self.wait_limit:g} s)", f"wait_step ({self.wait_step:g} s)"
         if self.wait_limit / self.wait_step > _MOST_WAITS:
             raise ValueError(f"{wait} is more than {_MOST_WAITS:,} times {step}")

@@ -199,6 +199,8 @@ def _inertia(inertia: FloatArray, logits: FloatArray) -> FloatArray:
 
 #: Default number of trials from which the scale of a conformal bound is computed.
 _SCALE_TRIALS = 100
+#: Largest number of trials of a bound, whose samples are kept in memory.
+_MOST_TRIALS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +242,8 @@ class ConformalBound(Plugin):
     @model_validator(mode="after")
     def _has_trials(self) -> ConformalBound:
         needed = math.ceil(1.0 / self.epsilon - 1e-9) - 1
+        if self.trials > _MOST_TRIALS:
+            raise misplaced([(("trials",), f"{self.trials} trials are more than {_MOST_TRIALS:,}; lower it")])
         if self.trials < needed:
             message = f"{self.epsilon:g} needs {needed} trials, and `trials` is {self.trials}; raise one of the two"
             raise misplaced([(("epsilon",), message)])

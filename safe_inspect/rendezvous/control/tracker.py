@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
+from pydantic import model_validator
 
 from safe_inspect.plugins.plugin import Plugin
 from safe_inspect.rendezvous.control.design import (
@@ -78,6 +79,15 @@ class TubeTracker(Tracker):
 
     least_frequency: PositiveAngularRate = 0.15  # type: ignore[valid-type]
     largest_frequency: PositiveAngularRate = 1.0  # type: ignore[valid-type]
+
+    @model_validator(mode="after")
+    def _is_range(self) -> TubeTracker:
+        if self.least_frequency > self.largest_frequency:
+            raise ValueError(
+                f"least_frequency ({self.least_frequency:g} rad/s) is more than largest_frequency "
+                f"({self.largest_frequency:g} rad/s)"
+            )
+        return self
 
     def design(self, request: DesignRequest) -> TubeDesign:
         """Return the tube for a plan, or a design that says why there is none."""
