@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 
 from safe_inspect.errors import RegistryError, did_you_mean
 from safe_inspect.plugins.plugin import Plugin
-from safe_inspect.plugins.registry import cause_of, registry
+from safe_inspect.plugins.registry import cause_of, registry, with_article
 
 #: The key of the plugin's name, for the kinds whose key is not ``functor``.
 NAME_KEYS = {"part": "part", "parameter": "type", "simulator": "type", "platform": "platform_class"}
@@ -56,20 +56,22 @@ def build(kind: str, value: Any) -> Plugin:
     """
     if isinstance(value, Plugin):
         if value.kind != kind:
-            raise misplaced([((), f"expected a {kind}, got the {value.kind} {value.registered_name}")])
+            raise misplaced([((), f"expected {with_article(kind)}, got the {value.kind} {value.registered_name}")])
         return value
     if isinstance(value, str):
         value = {name_key(kind): value}
     if not isinstance(value, Mapping):
-        raise misplaced([((), f"a {kind} must be a mapping with the key `{name_key(kind)}`, not {value!r}")])
+        raise misplaced(
+            [((), f"{with_article(kind)} must be a mapping with the key `{name_key(kind)}`, not {value!r}")]
+        )
     key = name_key(kind, value)
     known = {key, "name", "config", "wrapped"}
     problems = []
     cls: type[Plugin] | None = None
     if key not in value:
-        problems.append(_problem((), f"a {kind} needs the key `{key}`, the name of its class"))
+        problems.append(_problem((), f"{with_article(kind)} needs the key `{key}`, the name of its class"))
     elif not isinstance(value[key], str):
-        problems.append(_problem((key,), f"the name of a {kind} must be a string, not {value[key]!r}"))
+        problems.append(_problem((key,), f"the name of {with_article(kind)} must be a string, not {value[key]!r}"))
     else:
         try:
             cls = registry.get(kind, value[key])

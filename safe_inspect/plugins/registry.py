@@ -113,7 +113,9 @@ class Registry:
                 f"module {module!r} has no {attribute!r}; {did_you_mean(attribute, _plugins_in(loaded))}"
             )
         if not (isinstance(cls, type) and hasattr(cls, "registered_name") and hasattr(cls, "kind")):
-            raise RegistryError(f"{name!r} is not a plugin; a {kind} must be a subclass of {self._base(kind)}")
+            raise RegistryError(
+                f"{name!r} is not a plugin; {with_article(kind)} must be a subclass of {self._base(kind)}"
+            )
         if not cls.registered_name:
             lacks = ", ".join(f"`{method}`" for method in sorted(getattr(cls, "__abstractmethods__", ())))
             hint = (
@@ -121,7 +123,7 @@ class Registry:
             )
             raise RegistryError(f"{name!r} is an abstract class; {hint}")
         if cls.kind != kind:
-            raise RegistryError(f"{name!r} is a {cls.kind}; expected a {kind} here")
+            raise RegistryError(f"{name!r} is {with_article(cls.kind)}; expected {with_article(kind)} here")
         return cls
 
     def _base(self, kind: str) -> str:
@@ -135,7 +137,7 @@ class Registry:
     def _suggest(self, kind: str, name: str) -> str:
         for other, classes in self._classes.items():
             if other != kind and name in classes:
-                return f"{name!r} is a {other}; expected a {kind} here"
+                return f"{name!r} is {with_article(other)}; expected {with_article(kind)} here"
         return did_you_mean(name, self._classes.get(kind, {}))
 
     def _load(self) -> None:
@@ -151,6 +153,11 @@ class Registry:
                 package = entry.dist.name if entry.dist is not None else entry.value
                 what = f"the plugins of {package} are not available: its module {entry.module} cannot be imported"
                 warnings.warn(f"{what}: {cause_of(error)}; fix or uninstall it", RuntimeWarning, stacklevel=2)
+
+
+def with_article(kind: str) -> str:
+    """Return a kind with its article."""
+    return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
 
 
 def own_name(name: str) -> str:
