@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import types
 import typing
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -42,8 +43,11 @@ def known_keys(tree: Any, path: Sequence[Any], model: type[BaseModel] | None = N
         below = [found for known in annotations for found in _below(known, key)]
         annotations = below if plugin is None else [plugin]
         tree = tree[key] if has(tree, key) else None
-    models = [model for known in annotations for model in _variants(known) if _is_model(model)]
-    return {info.alias or name for model in models for name, info in model.model_fields.items()}
+    variants = [variant for known in annotations for variant in _variants(known)]
+    keys = {info.alias or name for model in variants if _is_model(model) for name, info in model.model_fields.items()}
+    return keys | {
+        field.name for data in variants if dataclasses.is_dataclass(data) for field in dataclasses.fields(data)
+    }
 
 
 def written_values(

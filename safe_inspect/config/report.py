@@ -151,7 +151,11 @@ def problems_of(error: ValidationError, tree: Any, model: type[BaseModel] | None
         tree: The validated tree with locations.
         model: The model of the validation, for the names of its keys.
     """
-    faults = [_Fault((), tuple(_steps(found["loc"], tree)), found) for found in errors_of(error)]
+    errors = errors_of(error)
+    # Pydantic counts only the valid items of a list.
+    holders = {found["loc"][:size] for found in errors for size in range(len(found["loc"]))}
+    errors = [found for found in errors if found["type"] != "too_short" or found["loc"] not in holders]
+    faults = [_Fault((), tuple(_steps(found["loc"], tree)), found) for found in errors]
     return list(dict.fromkeys(_problem(fault, tree, model) for fault in _without_unions(faults)))
 
 
@@ -221,7 +225,7 @@ def _meant(path: tuple[Any, ...], members: list[list[_Fault]]) -> list[_Fault]:
 
 def _problem(fault: _Fault, tree: Any, model: type[BaseModel] | None) -> Problem:
     where = fault.path
-    if fault.error["type"] == "extra_forbidden":
+    if fault.error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = known_keys(tree, where[:-1], model)
         if len(where) == 1 and has(tree, "agent_config"):  # the short keys of `safe_inspect.config.layers`
             agents = tree["agent_config"]
@@ -230,7 +234,7 @@ def _problem(fault: _Fault, tree: Any, model: type[BaseModel] | None) -> Problem
         if len(where) == 3 and where[0] == "agent_config":  # keys that may stand next to `policy` in the short form
             known |= known_keys(tree, (*where[:2], "config", "config"), model)
         text, hint = f"unknown key `{where[-1]}`", key_hint(str(where[-1]), known) if known else ""
-        if not known and not fault.error["msg"].startswith("Extra inputs"):
+        if not known and not fault.error["msg"].startswith(("Extra inputs", "Unexpected keyword")):
             text, hint = fault.error["msg"], ""  # a plugin that builds another lists the keys itself
     else:
         text, hint = message(fault.error)

@@ -97,6 +97,9 @@ class _Without:
         ("mission.durations=[1e6 s]", "mission: durations: 1e+06 s is more than 5,000 control steps"),
         ("mission.length=1e300", "mission: length: 1e+300 m is more than 1,000,000 m"),
         ("mission.update_ticks=100000000000000000000000", "mission: update_ticks: 8e+20 s is more than 5,000 control"),
+        ("mission.durations=['0 s']", "mission.durations[0]: expected a number above 0, got 0.0"),
+        ("sensors.imu={gyro_nois: 1}", "sensors.imu.gyro_nois: unknown key `gyro_nois`; known: `acceleration`"),
+        ("planner=MeasuredState", "'MeasuredState' is a state_estimator; expected an approach_planner here"),
         ("bound.trials=100000000", "bound.trials: 100000000 trials are more than 20,000"),
         ("mission.checkout=11 s", "mission: checkout (11 s) is more than checkout_limit (10 s)"),
         ("mission.hold=21 s", "mission: hold (21 s) is more than hold_limit (20 s)"),
@@ -123,6 +126,7 @@ def test_what_would_hang_or_fail_in_flight_is_refused_before(
     assert main(["validate", str(SHIPPED), override]) == 2
     printed = capsys.readouterr().err
     assert message in printed
+    assert "items" not in printed
     assert printed.startswith(f"error: command line: {override}")
 
 

@@ -255,7 +255,10 @@ def test_a_key_in_a_mapping_that_no_file_has_leaves_the_other_defaults(path):
 
 @pytest.mark.parametrize(
     ("override", "message"),
-    [("sensors.imu.rate_bais=1", "unexpected keyword"), ("mission.time_limit.foo=5", "must have the keys `value`")],
+    [
+        ("sensors.imu.rate_bais=1", "did you mean `rate_bias`"),
+        ("mission.time_limit.foo=5", "must have the keys `value`"),
+    ],
 )
 def test_a_wrong_key_in_a_mapping_that_no_file_has_is_refused(override, message):
     with pytest.raises(ConfigError, match=message):
