@@ -30,7 +30,8 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
     the summed weight of the inspected points.
 
     Attributes:
-        mean_motion: Mean motion of the chief's circular orbit [rad/s].
+        mean_motion: Mean motion of the chief's circular orbit [rad/s]. It does not set the rate of the sun, which is
+            the `mean_motion` of `illumination_params`, unless that is None.
         dynamics: Dynamics of the deputies, to set other values than the defaults. Its mean motion is the chief's.
         chief_angular_velocity: Constant angular velocity of the body ``chief`` relative to Hill's frame, along Hill's
             axes [rad/s], see `ChiefRotation`; by default, it is zero.

@@ -180,24 +180,31 @@ def _sun_on(date: datetime) -> tuple[float, float, float]:
 class Sun(SunDirection, PassiveComponent):
     """Sun whose angle a grows at a constant rate, a(t) = a(0) + rate t, clockwise about +z of Hill's frame.
 
-    Its direction is that of `sun_directions`. The rate is the `mean_motion` of `illumination_params`, or of the
-    simulator if there are none.
+    Its direction is that of `sun_directions`. The rate is the `mean_motion` of `illumination_params`, 0.001027 rad/s by
+    default, even if the simulator has another `mean_motion`: set both. With ``illumination_params: null``, the rate is
+    the simulator's `mean_motion`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
     sun, shape (N, 3). A reset takes the angle from the sampled state ``sun_angle``, or 0 if there is none.
 
     With `beta_angle`, the sun is not in the orbital plane, and there is the array ``beta_angle`` [rad], shape (N,). On
-    a `RelativeOrbit`, the direction of the sun is constant in inertial axes for an episode, and angle, beta angle and
-    direction in Hill's frame follow from the motion of the frame.
+    a `RelativeOrbit`, this array always exists. There, the direction of the sun is constant in inertial axes for an
+    episode, and angle, beta angle and direction in Hill's frame follow from the motion of the frame.
 
     With `eclipse`, there are two more arrays: ``sunlight``, the fraction of the sun's disc that the Earth does not hide
     [-], shape (N,), see `sunlight_row`, and ``light_direction``, which is ``sun_direction`` while the centre of the
-    disc is visible and NaN otherwise, shape (N, 3). Sensors of light and points read the latter, and no comparison with
-    NaN is true, so that no point is lit: nothing else has to know of an eclipse, ``illumination_params: {eclipse:
-    True}``. The shadow is that of `dynamics.orbit.earth`; another law of shadows belongs in `shade`.
+    disc is visible and NaN otherwise, shape (N, 3). Points, and the sensors that select points by their light, read
+    ``light_direction``. No comparison with NaN is true, so that no point is lit, and they need not know of an eclipse
+    (``illumination_params: {eclipse: True}``).
+
+    These know of it: `SunlightSensor`, `SolarPressure` and figures read ``sunlight``; `CoastingInspectionSensor` and
+    `NaturalMotionInspector` predict by `Shadow.edge`. `SunDirectionSensor` reads ``sun_direction``, which continues
+    in the dark. The shadow is that of `dynamics.orbit.earth`. Another law of shadows must change `shade`, and what
+    predicts: `Shadow.edge`, `predicted_sun` and the sensor.
 
     Attributes:
-        rate: Rate of the angle [rad/s], except on a `RelativeOrbit`.
+        rate: Rate of the angle [rad/s]. On a `RelativeOrbit`, it does not move the sun; predictions use it nevertheless
+            (``world.sun_rate``).
         distance: Distance of the sun [m]; it determines the apparent size of the disc.
     """
 
@@ -301,7 +308,7 @@ class IlluminationParams(SunDirection):
     """Properties of the sun and its light.
 
     Attributes:
-        mean_motion: Rate of the sun's angle [rad/s].
+        mean_motion: Rate of the sun's angle [rad/s]; it does not follow the simulator's `mean_motion`, see `Sun`.
         avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel on the chief, and the distance only determines
             the penumbra of an eclipse.
         light_properties: Colour of the light; recorded, without effect on the simulation.
