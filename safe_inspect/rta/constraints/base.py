@@ -137,9 +137,18 @@ class Constraint(Plugin):
     finite state whose squares do not overflow.
 
     A *guarantee* is that phi >= 0 at every moment. Only the filters that certify whole holds (periods of constant
-    thrust) give it, ``backup`` and the filter of a team, under these premises: the initial state has a backup plan; the
-    thrust is constant along Hill's axes during a hold; the motion is that of Clohessy and Wiltshire, exactly or within
-    the filter's `disturbance`. `config.building.guarantees` refuses experiments without them. They do not use h; for
+    thrust) give it, ``backup`` and the filter of a team, under these premises:
+
+    - The initial state has a backup plan.
+    - The thrust is constant along Hill's axes during a hold, and possible in both directions of each axis.
+    - The chief rests at the origin.
+    - The motion is that of Clohessy and Wiltshire, exactly or within the filter's `disturbance`.
+
+    `config.building.guarantees` refuses experiments that violate them, with two exceptions, which only warn. A start
+    that no rejection sampler tests is tested at the reset, and flown even if the filter rejects it. With
+    ``undeclared: warn``, components and dynamics that declare no `disturbance_bounds` are accepted.
+
+    These filters do not use h to choose a thrust, but their test of initial states requires h >= 0 and phi >= 0. For
     them, a subclass also defines `half_space`, a static method that the filter compiles::
 
         @staticmethod
@@ -161,7 +170,9 @@ class Constraint(Plugin):
 
     Class attributes:
         unit: Unit of phi.
-        pair: True if the state is that of one deputy relative to another, instead of relative to the chief.
+        pair: True if the state is that of one deputy relative to another, instead of relative to the chief. Derive such
+            a constraint from `PairConstraint`, because a team's filter enforces any other one relative to the chief.
+            `half_space` is not used for pairs.
         from_task: Names of the parameters of a task, see `ConstraintParameters`, by the field that takes their value.
         kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space: the
             built-in constraints have these and no `half_space`.
