@@ -22,8 +22,9 @@ class Transition:
         reward: Sum of the reward terms [-], shape (N, G).
         terms: Reward terms by name, each of shape (N, G).
         active: Whether the agent took part in the step, shape (N, G).
-        terminated: Whether the agent's episode ended for a reason other than a time limit, shape (N, G).
-        truncated: Whether the agent's episode ended by a time limit alone, shape (N, G).
+        terminated: Whether the agent's episode ended for a reason that does not truncate, shape (N, G).
+        truncated: Whether the agent's episode ended only by what truncates, a done function such as a time limit, or a
+            draw of a shared done, shape (N, G).
         status: `DoneStatus`, int8, shape (N, G).
         step: The step as passed to the rewards and done functions.
     """

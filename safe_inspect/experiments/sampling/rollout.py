@@ -131,7 +131,7 @@ class _Span:
         start: Index in the track of its first step or decision.
         length: Number of its steps or decisions, from the start of the piece.
         terminated: Whether its episode ended with the last of them by the task's conditions.
-        truncated: Whether its episode ended with the last of them by a time limit.
+        truncated: Whether it was truncated with the last of them, by a time limit or by a draw of a shared done.
     """
 
     start: int
@@ -375,9 +375,10 @@ def _episode(
 
     The learner receives T + 1 observations, T actions as they were sampled, T rewards (of a decision, the discounted
     sum over its steps) with the number of steps of each decision if decisions last, the inputs and log-probabilities of
-    the action distribution, the number of the weights that acted, and whether the episode was terminated by the task or
-    truncated by its time limit; one that is neither continues in the next sample. The learner computes values and
-    advantages itself. Metrics are no part of it: `env_runners` returns them by ``get_metrics``.
+    the action distribution, the number of the weights that acted, and whether the episode was terminated or truncated
+    by the task. A time limit truncates, and so does a draw of a shared done. An episode that is neither terminated nor
+    truncated continues in the next sample. The learner computes values and advantages itself. Metrics are no part of
+    it: `env_runners` returns them by ``get_metrics``.
 
     Of one agent in one environment, float32 unless stated otherwise: observations (T + 1, O); actions (T, A), of the
     space's type if they are integers; rewards (T,); `Columns.ACTION_DIST_INPUTS` (T, I), where I is 2 A for a Gaussian
