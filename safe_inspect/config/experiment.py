@@ -1,8 +1,8 @@
 """`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once.
 
 Every command that takes ``--cfg FILE`` of an environment, and every function that makes an environment, comes here; a
-rendezvous goes to `safe_inspect.rendezvous.experiment.load_rendezvous` (``validate`` and ``evaluate`` look at the
-file first to tell the two apart, by `is_rendezvous`). In ``python -m safe_inspect.train_rl --cfg FILE``,
+rendezvous goes to `safe_inspect.rendezvous.experiment.load_rendezvous` (``validate``, ``evaluate`` and ``compare``
+look at the file first to tell the two apart, by `is_rendezvous`). In ``python -m safe_inspect.train_rl --cfg FILE``,
 `cli.main.run_command` parses the words of the command line, and `cli.commands.train.run` calls `load_experiment`, then
 `cli.checked_settings`, which checks the settings of the training, then `experiments.runs.train.train`, which starts
 Ray. The steps of `load_experiment` are:
@@ -13,8 +13,12 @@ Ray. The steps of `load_experiment` are:
 4. `build_experiment` replaces the values that the command line gives (`overrides.apply_overrides`), imports plugins,
    expands templates and references, and validates the tree with the `models`, which builds the plugins.
 5. `building` checks how they fit together: `team.policies_of` returns the policies, and, after the keys of RLlib, the
-   horizon and the seed (`_rllib`, `_horizon`, `_seed`), `assemble.assemble` the `EnvironmentSpec` of which environments
-   are made later.
+   horizon and the seed (`_rllib`, `_horizon`, `_seed`), `assemble.assemble` the `EnvironmentSpec`.
+
+The `EnvironmentSpec` is only a specification: ``TeamEnvironment(spec, num_envs)`` is the environment. `make`,
+evaluations and ``train --dry-run`` pass `Experiment.spec`. A training passes `Experiment.resolved` instead, from which
+each of its runners builds a specification again (`build_team` in `experiments.sampling.environment` calls
+`build_experiment`).
 """
 
 from __future__ import annotations
@@ -54,7 +58,7 @@ class Experiment(ResolvedExperiment):
         source: The file from which it was loaded.
         tree: The whole resolved configuration, see `ResolvedExperiment`.
         config: The validated models.
-        spec: The environment.
+        spec: The specification from which environments are made.
         rllib: RLlib keys of the task, overridden by those that all trained policies have in common.
         algorithm: Name of the RLlib algorithm.
         policies: Policies by name, in agent order, without scripted ones, which are part of the environment. Their
