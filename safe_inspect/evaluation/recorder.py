@@ -27,23 +27,25 @@ from safe_inspect.types import AnyArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One recorded episode of T steps with D deputies, in SI units and Hill's frame.
+    """One recorded episode of T steps with D deputies, in SI units, and in Hill's frame unless stated otherwise.
 
     Attributes:
         time: Time since the reset [s], shape (T + 1,).
         position: Position of each deputy [m], shape (T + 1, D, 3).
         velocity: Velocity of each deputy [m/s], shape (T + 1, D, 3).
-        control: Control of each deputy held over each step: thrust [N], shape (T, D, 3), or thrust and moment [N m] of
-            vehicles that turn, shape (T, D, 6); see `thrust`.
-        delta_v: Velocity change that each deputy has spent [m/s], shape (T + 1, D).
+        control: Control commanded to each deputy for each step, after the safety filter: thrust [N], shape (T, D, 3),
+            or thrust and moment [N m] of vehicles that turn, shape (T, D, 6); see `thrust`. Components of the simulator
+            such as `ThrusterModel` may fly another one, which is not recorded.
+        delta_v: Velocity change that each deputy has spent [m/s], by the flown control, shape (T + 1, D).
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
         arrays: Arrays that components record, such as ``sun_angle`` [rad], and the attitude of deputies that turn
             (``orientation``, quaternions from body to Hill axes), each of shape (T + 1, ...). They can also be read as
             attributes, such as ``trajectory.sun_angle``.
-        points: Position of the inspection points about the chief's centre [m], shape (P, 3); P is 0 in a task without
-            points.
+        points: Position of the inspection points about the centre of their body [m], shape (P, 3); P is 0 in a task
+            without points. Of several bodies with points, only the first one is recorded. The points of a body that
+            turns (`ChiefRotation`) are in its axes; ``chief_orientation`` in `arrays` is the attitude.
         inspected_at: Time at which each point was inspected [s], infinite for never, shape (P,).
         inspector: Index of the deputy that first inspected each point, -1 for none, shape (P,).
         mean_motion: Mean motion of the chief's orbit [rad/s], 0 if there is none.
@@ -78,7 +80,7 @@ class Trajectory:
 
     @property
     def thrust(self) -> FloatArray:
-        """Thrust of each deputy along Hill's axes at the start of each step [N], shape (T, D, 3)."""
+        """Commanded thrust of each deputy along Hill's axes at the start of each step [N], shape (T, D, 3)."""
         thrust = self.control[..., :3]
         return rotate(self.orientation[:-1], thrust) if self.in_body_axes else thrust
 
@@ -205,7 +207,7 @@ class Recorder:
             made.append(
                 Trajectory(
                     **{name: states[name] for name in ("time", "position", "velocity", "delta_v")},
-                    control=states["control"][1:],  # the thrust held over the step that led there
+                    control=states["control"][1:],  # the control commanded for the step that led there
                     arrays={name: states[name] for name in self._recorded},
                     points=self._points,
                     inspected_at=np.where(seen, self._inspected_at[row], np.inf),

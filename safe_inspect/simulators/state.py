@@ -68,7 +68,8 @@ class State:
         key: Random key of the episode for draws within a step, shape (N,), uint64.
         position: Position of the bodies [m], shape (N, B, 3).
         velocity: Velocity of the bodies [m/s], shape (N, B, 3).
-        control: Control held during the last step, in the unit of the dynamics, shape (N, D, C).
+        control: Control commanded for the last step, after the safety filter, in the unit of the dynamics, shape
+            (N, D, C). The flown control u may differ, see `Simulation.flown`.
         delta_v: Velocity change spent in the episode, sum of abs(u_i) dt / m [m/s], shape (N, D).
         interventions: Steps of the episode in which a safety filter changed the thrust, shape (N, D).
         finished: `DoneStatus` with which each deputy's agent has ended, 0 while it is running, int8, shape (N, D).

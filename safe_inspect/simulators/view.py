@@ -198,7 +198,7 @@ class View:
 
     @property
     def control(self) -> FloatArray:
-        """Own control held during the last step, the thrust [N] first, in the frame of the dynamics, shape (R, C)."""
+        """Own control commanded for the last step, thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return self.per_agent(self.state.control)
 
     @property
@@ -338,7 +338,7 @@ class Step:
 
     @property
     def control(self) -> FloatArray:
-        """Control held during the step, the thrust [N] first, in the frame of the dynamics, shape (R, C)."""
+        """Control commanded for the step, the thrust [N] first, in the frame of the dynamics, shape (R, C)."""
         return read_only(self.writable_control)
 
     @property
