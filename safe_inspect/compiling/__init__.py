@@ -9,12 +9,14 @@ from safe_inspect.compiling.kernel import (
     generate,
     njit,
 )
+from safe_inspect.compiling.values import compiled_function
 
 __all__ = [
     "BORROWING",
     "COMPILING_NOTE",
     "Kernel",
     "announce_compiling",
+    "compiled_function",
     "compiling_seconds",
     "generate",
     "njit",

@@ -12,7 +12,7 @@ from typing import Any
 from llvmlite import ir
 from numba import cfunc, types
 from numba.core import cgutils  # public: documented in its guide to extensions, as are errors
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.extending import intrinsic
 
 from safe_inspect.compiling.kernel import Kernel, cached
@@ -95,5 +95,5 @@ def compiled_at(kernel: Kernel[..., Any], signature: str) -> Any:
     """
     try:
         return cached(lambda function, cache: cfunc(signature, cache=cache, error_model="numpy")(function), kernel)
-    except NumbaError as error:
+    except (NumbaError, UnsupportedBytecodeError) as error:
         raise ValueError(_COLOUR.sub("", str(error)).strip()) from None

@@ -32,14 +32,27 @@ def user_folder() -> Path:
 
 @functools.cache
 def digest_of(package: Path = PACKAGE) -> str:
-    """Return a digest of all files of a package that define compiled functions."""
-    digest = hashlib.sha256()
+    """Return a digest of all files of a package that define compiled functions, and of those that they import.
+
+    They may import constants, which become part of the machine code.
+    """
+    sources = {}
     for path in sorted(package.rglob("*.py")):
-        if "__pycache__" in path.relative_to(package).parts:  # generated sources, which another process may remove
-            continue
-        source = path.read_bytes()
-        if b"@njit" in source:
-            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + source)
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        if "__pycache__" not in parts:  # generated sources, which another process may remove
+            sources[".".join(parts).removesuffix(".__init__")] = path.read_bytes()
+    imports = re.compile(rf"^from ({re.escape(package.name)}[\w.]*) import \(?([\w, \n]*)", re.MULTILINE)
+    found: set[str] = set()
+    waiting = [name for name, source in sources.items() if b"@njit" in source]
+    while waiting:
+        name = waiting.pop()
+        if name in sources and name not in found:
+            found.add(name)
+            for module, members in imports.findall(sources[name].decode()):
+                waiting += [module, *(f"{module}.{member}" for member in re.findall(r"\w+", members))]
+    digest = hashlib.sha256()
+    for name in sorted(found):
+        digest.update(name.encode() + b"\0" + sources[name])
     return digest.hexdigest()
 
 

@@ -5,9 +5,10 @@ validated without it.
 
 Numba recompiles a cached function if its file has changed, but not if a compiled function that it calls from another
 file has changed: after an update of a checkout, outdated machine code would continue to run. Therefore machine code is
-stored in a folder whose name is a digest of all sources of the package that define kernels. The machine code of a
-kernel outside the package, such as a plugin's, is in a subfolder, which is named after the other files outside the
-package whose kernels it calls.
+stored in a folder whose name is a digest of all sources of the package that define kernels or are imported by these.
+The machine code of a kernel outside the package, such as a plugin's, is in a subfolder. Its name is a digest of the
+other files outside the package with functions that the kernel calls, and of the values that all these functions name:
+Numba compiles such values in, and does not notice when they change.
 
 A compiled function must return None, a number, one array, or a tuple of numbers to Python; other results are
 written into arrays that are passed to it. Ctrl-C during a call is handled as soon as Python code runs again. To return
@@ -27,13 +28,13 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 from safe_inspect.compiling.folders import PACKAGE, digest_of, digest_of_files, installed_folder, machine_code_folder
+from safe_inspect.compiling.values import called_by, digest_of_values
 
 #: Options of ``@njit`` for functions that neither create nor return arrays. They do not count references to the arrays
 #: that are passed to them, because their caller holds references; otherwise Numba changes a counter, atomically, for
@@ -205,29 +206,9 @@ def kept_in() -> Path | None:
     return machine_code_folder(digest_of(), _given_folder())
 
 
-def _called_by(kernels: Iterable[Kernel[..., Any]]) -> set[Kernel[..., Any]]:
-    """Return kernels and all kernels that they call, directly or indirectly."""
-    found: set[Kernel[..., Any]] = set()
-    waiting = list(kernels)
-    while waiting:
-        kernel = waiting.pop()
-        if kernel not in found:
-            found.add(kernel)
-            waiting += _named_in(kernel.__wrapped__)
-    return found
-
-
-def _named_in(function: Any) -> Iterator[Kernel[..., Any]]:
-    """Yield the kernels that the code of a function names, including members of modules."""
-    names = function.__code__.co_names
-    for value in (*map(function.__globals__.get, names), *inspect.getclosurevars(function).nonlocals.values()):
-        members = (getattr(value, name, None) for name in names) if isinstance(value, ModuleType) else ()
-        yield from (each for each in (value, *members) if isinstance(each, Kernel))
-
-
-def _source_of(kernel: Kernel[..., Any]) -> str:
-    """Return the file that defines a kernel."""
-    return inspect.getsourcefile(kernel.__wrapped__) or ""
+def _source_of(function: Callable[..., Any]) -> str:
+    """Return the file that defines a function."""
+    return inspect.getsourcefile(function) or ""
 
 
 def _config() -> Any:
@@ -246,11 +227,17 @@ def _given_folder() -> str:
 def _folder_for(kernel: Kernel[..., Any]) -> Path | None:
     """Return the folder for the machine code of a kernel, or None if none can be written."""
     folder = kept_in()
-    if folder is None or _in_package(_source_of(kernel)):
+    if folder is None or _in_package(_source_of(kernel.__wrapped__)):
         return folder
-    others = {source for source in map(_source_of, _called_by([kernel])) if not _in_package(source)}
-    others.discard(_source_of(kernel))  # Numba checks this file itself
-    return folder / digest_of_files(others)[:16] if others else folder
+    own, functions = _source_of(kernel.__wrapped__), _outside([kernel])
+    others = {_source_of(function) for function in functions} - {own}  # Numba checks its own file itself
+    return folder / hashlib.sha256((digest_of_files(others) + digest_of_values(functions)).encode()).hexdigest()[:16]
+
+
+def _outside(kernels: Iterable[Kernel[..., Any]]) -> list[Callable[..., Any]]:
+    """Return those functions outside the package that are kernels, or called by them, directly or indirectly."""
+    functions = called_by(kernel.__wrapped__ for kernel in kernels)
+    return [function for function in functions if not _in_package(_source_of(function))]
 
 
 def _in_package(source: str) -> bool:
@@ -266,8 +253,9 @@ def generate(
     """Return a function with generated source as a `Kernel`; the same source and kernels give the same object.
 
     The source is written to a file, so that the machine code can be cached on disk. The name of the file contains a
-    digest of the source and of every file that defines one of the kernels, or a kernel that these call, so that the
-    cache cannot be out of date. A copy in another process is generated again.
+    digest of the source, of every file that defines one of the kernels, or a kernel that these call, and of the values
+    that kernels outside the package name, so that the cache cannot be out of date. A copy in another process is
+    generated again.
 
     Args:
         name: Name of the function that the source defines.
@@ -278,7 +266,9 @@ def generate(
     digest = hashlib.sha256(repr((sys.version_info[:2], name, sorted((options or {}).items()), source)).encode())
     for label, kernel in sorted(kernels.items()):
         digest.update(f"{label} {kernel.__module__} {kernel.__qualname__}".encode())
-    digest.update(digest_of_files(map(_source_of, _called_by(kernels.values()))).encode())
+    called = called_by(kernel.__wrapped__ for kernel in kernels.values())
+    digest.update(digest_of_files(map(_source_of, called)).encode())
+    digest.update(digest_of_values(_outside(kernels.values())).encode())
     key = digest.hexdigest()[:24]
     if key not in _functions:
         path = _written(f"{name}_{key}.py", source)

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from safe_inspect.compiling import Kernel
+from safe_inspect.compiling import Kernel, compiled_function
+from safe_inspect.errors import PluginValueError
 from safe_inspect.simulators.offers import missing
 from safe_inspect.simulators.state import State
 from safe_inspect.simulators.view import Group, View
@@ -248,6 +249,18 @@ class RowTerm:
 
     kernel: Kernel[..., Any]
     inputs: Sequence[RowInput]
+
+    def __post_init__(self) -> None:
+        """Check that the kernel is a compiled function.
+
+        Raises:
+            PluginValueError: It is a plain function.
+        """
+        if compiled_function(self.kernel) is None:
+            name = getattr(self.kernel, "__qualname__", repr(self.kernel))
+            raise PluginValueError(
+                f"the kernel {name} of a RowTerm is not compiled; decorate it with safe_inspect.compiling.njit"
+            )
 
     @property
     def read(self) -> tuple[TermReading, ...]:

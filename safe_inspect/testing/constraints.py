@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.rta.constraints.base import Constraint, RelativeState
-from safe_inspect.rta.filters import probe_states, responds_to_thrust
+from safe_inspect.rta.filters import compiled, probe_states, responds_to_thrust
 from safe_inspect.testing.calls import Call, SampleParts, Shape, check_call
 from safe_inspect.testing.report import Report
 from safe_inspect.testing.samples import sample_states
@@ -55,10 +55,11 @@ def check_constraint(plugin: Constraint, parts: SampleParts, report: Report) -> 
 
 
 def _check_half_space(plugin: Constraint, report: Report) -> None:
-    """Compare phi with the half-spaces of sampled states, at these states and at those within the half-spaces."""
+    """Compile the half-space; compare phi with those of sampled states, at these states and at those within them."""
     state = _with_boundary(plugin, probe_states())
     points, phi = np.concatenate((state.position, state.velocity), axis=1), plugin.phi(state)
     kernel: Any = type(plugin).half_space
+    compiled("backup.half_spaces").kernel(kernel)
     numbers = np.array([*plugin.half_space_parameters(), 0.0])
     directions, needs = np.zeros_like(points), np.empty(len(points))
     for row, x in enumerate(points):

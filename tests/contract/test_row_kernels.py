@@ -50,6 +50,12 @@ def _fail(position):
 
 
 @njit
+def _opens(position):
+    with open("file") as file:
+        return float(file.read())
+
+
+@njit
 def _text(position):
     return "text"
 
@@ -82,6 +88,8 @@ def test_a_good_one_passes():
         (_sink, "the reward changed step.after's position"),
         (_fail, "the row kernel of reward BadReward raised an exception"),
         (_text, r"_text does not compile as a row kernel of \(float64\[:\]\)"),
+        (_opens, r"_opens does not compile as a row kernel of \(float64\[:\]\)"),
+        (len, "the kernel len of a RowTerm is not compiled; decorate it with safe_inspect.compiling.njit"),
     ],
 )
 def test_bad_kernels_are_found(kernel, text):

@@ -55,6 +55,19 @@ def test_the_same_source_and_kernels_give_the_same_function() -> None:
     assert made.origin == ("doubled", SOURCE, {"inner": one}, {})
 
 
+def test_closures_over_different_values_give_different_functions() -> None:
+    def adding(size: float) -> kernel.Kernel[[float], float]:
+        @njit
+        def added(x: float) -> float:
+            return x + size
+
+        return added
+
+    made = [generate("doubled", SOURCE, {"inner": adding(size)}) for size in (1.0, 1.0, 2.0)]
+    assert made[0] is made[1]
+    assert [function(3.0) for function in made] == [8.0, 8.0, 10.0]
+
+
 def test_the_file_holds_the_source_where_it_can_be_written(folder: Path) -> None:
     made = generate("doubled", SOURCE, {"inner": one})
     (path,) = (folder / "installed" / "generated").glob("*.py")

@@ -89,7 +89,7 @@ def test_machine_code_of_the_last_states_of_the_sources_is_kept(home: Path) -> N
     assert {path.name for path in parent.iterdir()} == {"a" * 16, "b" * 16, NAME, "notes"}
 
 
-def test_the_digest_is_that_of_all_files_with_kernels(tmp_path: Path) -> None:
+def test_the_digest_is_that_of_all_files_with_kernels_and_what_they_import(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     (tmp_path / "__pycache__").mkdir()
     digests = []
@@ -99,11 +99,13 @@ def test_the_digest_is_that_of_all_files_with_kernels(tmp_path: Path) -> None:
         ("__pycache__/generated.py", "@njit\ndef g(): ...\n"),
         ("inner/other.py", "@njit\ndef h(): ...\n"),
         ("inner/other.py", "@njit\ndef h(): return 1\n"),
+        ("kernel.py", f"from {tmp_path.name}.inner import (\n    other,\n    plain,\n)\n@njit\ndef f(): ...\n"),
+        ("inner/plain.py", "def g(): return 1\n"),
     ):
         (tmp_path / name).write_text(text, encoding="utf-8")
         digests.append(folders.digest_of.__wrapped__(tmp_path))
     assert digests[0] == digests[1] == digests[2]
-    assert len(set(digests)) == 3
+    assert len(set(digests)) == 5
 
 
 def test_a_kernel_is_compiled_where_no_machine_code_can_be_kept(tmp_path: Path) -> None:
@@ -161,6 +163,52 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path:
         source = f"from safe_inspect.compiling import njit\n@njit\ndef share(x): return {returned}\n"
         (tmp_path / "called.py").write_text(source, encoding="utf-8")
         assert run(code, tmp_path, **named).splitlines() == [printed] * 3
+
+
+VALUES = """
+from enum import IntEnum
+import numba
+import constants
+from constants import SIZE, TABLE, Mode
+from safe_inspect.compiling import njit
+
+@numba.njit
+def plain(x): return x + constants.SIZE
+
+@njit
+def imported(x): return x * SIZE
+
+@njit
+def of_module(x): return x * constants.inner.SIZE
+
+@njit
+def of_enum(x): return x + Mode.ON.value
+
+@njit
+def of_array(x): return x + TABLE[0][2]
+
+@njit
+def by_plain(x): return plain(x)
+
+def closure(size):
+    @njit
+    def of_closure(x): return x + size
+    return of_closure
+
+KERNELS = (imported, of_module, of_enum, of_array, by_plain, closure(SIZE))
+"""
+
+
+def test_a_kernel_is_compiled_again_when_a_value_that_it_names_has_changed(tmp_path: Path) -> None:
+    (tmp_path / "values.py").write_text(VALUES, encoding="utf-8")
+    code = "from values import KERNELS\nfor f in KERNELS: print(f(1), sum(f.dispatcher.stats.cache_hits.values()))"
+    named = {"NUMBA_CACHE_DIR": str(tmp_path / "named"), "PYTHONDONTWRITEBYTECODE": "1"}
+    for size, hits in ((1, 0), (1, 1), (4, 0)):
+        source = "from enum import IntEnum\nimport types\nimport numpy as np\nclass Mode(IntEnum): ON = {0}\n"
+        source += "inner = types.ModuleType('inner'); inner.SIZE = {0}\nSIZE = {0}\nTABLE = (np.array([0, 0, {0}]),)\n"
+        (tmp_path / "constants.py").write_text(source.format(size), encoding="utf-8")
+        expected = [size, size, 1 + size, 1 + size, 1 + size, 1 + size]
+        assert run(code, tmp_path, **named).splitlines() == [f"{value} {hits}" for value in expected]
 
 
 def test_machine_code_of_a_users_kernel_belongs_to_the_sources_of_the_package(

@@ -18,6 +18,7 @@ from safe_inspect.rta.constraints.rows import Margins
 from safe_inspect.rta.constraints.sets import name_of
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
+from safe_inspect.testing import ContractError, check_plugin
 
 N, MASS, DT = 0.001027, 12.0, 10.0
 PERIOD = 2.0 * np.pi / N
@@ -336,10 +337,11 @@ def test_what_is_not_a_number_is_not_safe():
 
 def test_a_kernel_that_does_not_compile_is_named():
     run = BackupFilter({}, [Uncompilable()])
-    with pytest.raises(
-        PluginValueError, match=r"Uncompilable\.half_space \(.*\.py:\d+\) does not compile as a row kernel"
-    ):
+    text = r"Uncompilable\.half_space \(.*\.py:\d+\) does not compile as a row kernel"
+    with pytest.raises(PluginValueError, match=text):
         run.recoverable(drawn(14, 1))
+    with pytest.raises(ContractError, match=text):
+        check_plugin(Uncompilable)
 
 
 def test_the_glue_takes_a_constraint_with_its_fields():
