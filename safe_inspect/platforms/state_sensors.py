@@ -81,7 +81,7 @@ class SunAngleSensor(Sensor, name="Sensor_SunAngle"):
 
 
 class SunDirectionSensor(Sensor, name="Sensor_SunDirection"):
-    """Unit vector from the chief to the sun [-], Hill frame, shape (R, 3): [cos(a), -sin(a), 0] for the sun's angle a.
+    """Unit vector from the chief to the sun [-], Hill frame, shape (R, 3); see `sun_directions`.
 
     Unlike the angle, it does not jump at the end of a revolution.
     """
