@@ -19,6 +19,7 @@ from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.missions import LocalFlights
 from safe_inspect.evaluation.results.results import EvaluationError
 from safe_inspect.rendezvous.experiment import load_rendezvous
+from safe_inspect.version import __version__
 
 Typed = Callable[..., tuple[int, str, str]]
 MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
@@ -145,12 +146,15 @@ def test_frames_are_taken_at_steps_of_control(
 @pytest.mark.parametrize(
     ("change", "known"),
     [({}, True), ({"episodes": 8}, False), ({"seed": 1}, False), ({"configuration": {"a": 2}}, False),
-     ({"source": {"sha256": "y"}}, False)],
+     ({"source": {"sha256": "y"}}, False), ({"safe_inspect": "0.0.1"}, False)],
 )  # fmt: skip
 def test_a_row_of_a_leaderboard_is_flown_once(
     here: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], known: bool
 ) -> None:
-    record = {"episodes": 9, "seed": 0, "configuration": {"a": 1, "b": "c"}, "source": {"sha256": "x"}} | change
+    record = {
+        "safe_inspect": __version__, "episodes": 9, "seed": 0, "configuration": {"a": 1, "b": "c"},
+        "source": {"sha256": "x"},
+    } | change  # fmt: skip
     monkeypatch.setattr(leaderboard, "is_evaluation", lambda folder: folder == here)
     monkeypatch.setattr(leaderboard, "read_evaluation_record", lambda folder: json.loads(json.dumps(record)))
     resolved = {"a": 1, "b": Path("c")}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from safe_inspect.compiling import njit
 from safe_inspect.dynamics import Dynamics
 from safe_inspect.simulators.arrays import for_kernel, read_only
 from safe_inspect.simulators.offers import Offers, OfTeam, OfView, OwnOfView
@@ -217,17 +218,22 @@ def test_inputs_of_a_kernel_lie_where_the_arrays_do(first: int, size: int) -> No
     np.testing.assert_array_equal(read(seen, state.floats, 3, 1), state["memory/some/sensor/seen"][3, 1])
 
 
+@njit
+def _nothing(given: object) -> float:
+    return 0.0
+
+
 def test_inputs_that_no_kernel_can_read_are_refused() -> None:
     where = scene()
     with pytest.raises(AttributeError, match="the state of this task has no 'positon'; did you mean `position`"):
         place_of(OwnArray("positon"), where)
     with pytest.raises(ValueError, match="a sensor sees one state, and no step; it cannot be given OwnArray"):
-        place_term(RowTerm(None, (OwnArray("position", before=True),)), where, float, 8, 3)
+        place_term(RowTerm(_nothing, (OwnArray("position", before=True),)), where, float, 8, 3)
     with pytest.raises(ValueError, match="a sensor sees one state, and no step; it cannot be given Intervening"):
-        place_term(RowTerm(None, (Intervening(),)), where, float, 8, 3)
+        place_term(RowTerm(_nothing, (Intervening(),)), where, float, 8, 3)
     for values in (np.zeros((3, 2)), np.zeros((1, 2))[:, ::2].repeat(3, axis=0)):
         with pytest.raises(ValueError, match=r"(?s)a row kernel cannot read AgentPara.* does not fit \(5, 2\) env"):
-            place_term(RowTerm(None, (AgentParameter(values),)), where, float, 8, 0)
+            place_term(RowTerm(_nothing, (AgentParameter(values),)), where, float, 8, 0)
 
 
 def test_an_axis_of_one_element_may_have_any_stride() -> None:

@@ -118,6 +118,8 @@ def made(kind: type[Component] = Component, num_envs: int = ENVS, seed: int = 5,
     ]  # fmt: skip
 
     class Named:
+        estimates = False
+
         def __init__(self, entry: Any) -> None:
             self.registered_name, self._call = entry.registered_name, entry.call
 
@@ -246,7 +248,7 @@ class Sun(RunningComponent):
 def test_what_is_not_drawn_is_that_of_the_dynamics() -> None:
     draws: Any = [EnvironmentDraw(name, name, None) for name in ("sun", "unknown")]  # type: ignore[arg-type]
     component: Any = lambda world, count: Sun()  # noqa: E731
-    component.registered_name = "Sun"
+    component.registered_name, component.estimates = "Sun", False
     simulation = Simulation(
         ClohessyWiltshireAttitude(mean_motion=0.001), (component,), masses=MASSES, groups=(Group("red", 0, 1, {}),),
         reset=Plan({}, {}, {"chief": None}, tuple(draws)), step_size=STEP, num_envs=2, seed=0, first_slot=0,  # type: ignore[dict-item]
