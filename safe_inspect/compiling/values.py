@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Iterable, Iterator
-from enum import EnumMeta
+from enum import Enum
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -18,7 +18,7 @@ Function = Callable[..., Any]
 def compiled_function(value: Any) -> Function | None:
     """Return the Python function of a kernel or of one of Numba's dispatchers, or None for any other value."""
     if hasattr(type(value), "dispatcher"):  # a kernel, whose property would load Numba
-        function: Function = value.__wrapped__
+        function: Function | None = getattr(value, "__wrapped__", None)
         return function
     return getattr(value, "py_func", None)
 
@@ -70,11 +70,11 @@ def _names(code: CodeType) -> Iterator[str]:
 
 def _content(value: Any) -> bytes:
     """Return bytes that are equal for equal values, also in another process, if the type of the value permits it."""
-    if isinstance(value, EnumMeta):
-        return repr([(member.name, member.value) for member in value]).encode()  # type: ignore[var-annotated]
+    if isinstance(value, type) and issubclass(value, Enum):
+        return repr([(member.name, member.value) for member in value]).encode()
     if callable(value):
         return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', repr(value))}".encode()
     try:
         return pickle.dumps(value, protocol=5)
-    except Exception:  # not every value can be pickled
+    except (pickle.PicklingError, TypeError, AttributeError):  # of a type that cannot be pickled
         return repr(value).encode()
