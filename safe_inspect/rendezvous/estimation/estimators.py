@@ -190,6 +190,10 @@ class PipelineEstimatorRun:
         context: Context of the estimator.
         options: The options.
         poses: T_MB of the first frames, by their number, shape (4, 4) each; None if they must be searched.
+
+    Attributes:
+        front_end: The front end of the mission.
+        pipeline: The pipeline; None before the first readings.
     """
 
     def __init__(
@@ -198,7 +202,7 @@ class PipelineEstimatorRun:
         self._context, self._options = context, options
         target = context.target if options.known_target else None
         self._seen = FrontEndContext(context.camera, context.T_BC, target, context.streams, poses or {})
-        self._front_end = options.front_end(self._seen)
+        self.front_end = options.front_end(self._seen)
         self.pipeline: EstimationPipeline | None = None
         self._response = ActuatorResponse(context.chaser, context.step)
         self._errors, self._renewed = UNKNOWN, -np.inf
@@ -215,7 +219,7 @@ class PipelineEstimatorRun:
             pose(to_matrix(readings.start.orientation), readings.start.position), readings.start.velocity
         )
         imu = ImuBuffer(self._context.imu, self._context.imu_period)
-        parts = (self._front_end, self._options.back_end, self._options.characteriser)
+        parts = (self.front_end, self._options.back_end, self._options.characteriser)
         return EstimationPipeline(*parts, self._seen, imu, start, readings.frame or no_frame(readings.time))
 
     def update(self, readings: Readings) -> StateEstimate:

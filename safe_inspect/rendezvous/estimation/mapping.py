@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from safe_inspect.dynamics.quaternion import rotate, to_matrix
+from safe_inspect.dynamics.quaternion import from_matrix, rotate, to_matrix
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.rendezvous.depth_camera import no_frame
 from safe_inspect.rendezvous.estimate import BodyState, JointErrors, StateEstimate, unknown_estimate
@@ -24,7 +24,7 @@ from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline
 from safe_inspect.rendezvous.estimation.states import TargetEstimate, largest_sigma
 from safe_inspect.rendezvous.estimation.station import Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
-from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
+from safe_inspect.rendezvous.front_end.model import ModelFrontEnd, ModelFrontEndRun
 from safe_inspect.rendezvous.libraries import require
 from safe_inspect.rendezvous.poses import MODEL, Edge, inverse, move, pose, skew
 from safe_inspect.rendezvous.readings import Reading, Readings
@@ -37,6 +37,8 @@ from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLe
 _CENTRE = 0.03
 #: Misfit of the motion above which no map is made of it, in standard deviations; time until the next attempt [s].
 _LARGEST_MISFIT, _AGAIN = 3.0, 30.0
+#: Number of times that frames are aligned and their motion is fitted again.
+_PASSES = 4
 #: Standard deviation of the surface's attitude above which no map is made [rad], and the longest time without a pose to
 #: the map while frames are registered to it again [s].
 _LARGEST_ATTITUDE, _LOST = np.deg2rad(5.0), 4.0
@@ -119,7 +121,7 @@ class _Found(NamedTuple):
         of_surface = largest_sigma(motion.covariance[:3, :3]) ** 2 - motion.axes_sigma**2
         if motion.misfit > _LARGEST_MISFIT or of_surface > _LARGEST_ATTITUDE**2:
             return None
-        return cls(pipeline.motion_poses(), graph.centre_glued, graph.model, motion)
+        return cls(pipeline.motion_poses(motion), graph.centre_glued, graph.model, motion)
 
 
 class _Mapped(NamedTuple):
@@ -161,6 +163,8 @@ class _MappingEstimatorRun:
         self._due, self._ready = options.duration, np.inf
         self._mapped: _Mapped | None = None
         self._newest: Edge | None = None
+        #: T_MM' from where frames show the map to where the estimate has it.
+        self._correction = np.eye(4)
 
     def update(self, readings: Readings) -> StateEstimate:
         """Return the newest estimate; see `EstimatorRun`."""
@@ -223,7 +227,7 @@ class _MappingEstimatorRun:
         found = _Found.of(self._run.pipeline)
         if found is None:
             return None
-        found = found._replace(poses=self._surface.aligned(found.poses, found.motion))
+        found = self._aligned(found)
         model = self._model_of(found)
         origin = pose(np.eye(3), -found.centre)
         expected = {number: origin @ T_GB for number, T_GB in found.poses.items()}
@@ -248,6 +252,20 @@ class _MappingEstimatorRun:
         self._readings.clear()
         return self._about_origin(estimate, self._mapped)
 
+    def _aligned(self, found: _Found) -> _Found:
+        """Return the frames with poses for which their points coincide, and the motion that fits these poses.
+
+        The motion from odometry may err by degrees. Alignment decreases the errors of the attitudes but bends them, and
+        the fit of a free body to the aligned attitudes removes what no free body does; they take turns.
+        """
+        pipeline = self._run.pipeline
+        assert pipeline is not None, "a pipeline has found the motion"
+        for _ in range(_PASSES):
+            poses = pipeline.motion_poses(found.motion)
+            poses = self._surface.aligned(poses, found.centre, pipeline.attitudes(found.motion))
+            found = found._replace(poses=poses, motion=pipeline.refitted(poses) or found.motion)
+        return found
+
     def _model_of(self, found: _Found) -> Target:
         """Return the map of all frames, about the centre of mass, for the registration of frames."""
         surface = self._surface.mesh(found.poses)
@@ -262,19 +280,34 @@ class _MappingEstimatorRun:
 
         Frames show this point much more accurately than the centre of mass, about which it rotates.
         """
-        pipeline, target, errors = self._run.pipeline, estimate.target, estimate.errors
+        pipeline, target, errors, mismatch = self._run.pipeline, estimate.target, estimate.errors, estimate.mismatch
         if pipeline is not None and pipeline.graph is not None and pipeline.graph.model is not None:
-            graph = pipeline.graph
+            graph, R_MT = pipeline.graph, mapped.target.R_MT  # noqa: N806
             centre = move(inverse(pipeline.graph.model), graph.centre_glued[None])[0]
-            offset = mapped.target.R_MT.T @ (centre - mapped.origin)
-            target = target._replace(position=target.position - rotate(target.orientation, offset))
+            offset = R_MT.T @ (centre - mapped.origin)
+
+            def pose_of(orientation: FloatArray) -> FloatArray:
+                """Return T_WM, about the origin, at an attitude of the target."""
+                R_WT = to_matrix(orientation)  # noqa: N806
+                return pose(R_WT @ R_MT.T, target.position - R_WT @ offset)
+
             seen = [edge for edge in pipeline.measured if edge.first == MODEL]
+            front_end = self._run.front_end
+            assert isinstance(front_end, ModelFrontEndRun), "frames are registered to the map"
+            shown = front_end.placing.pose
+            mismatch = front_end.placing.mismatch if np.isfinite(estimate.mismatch) else np.inf
+            if seen and shown is not None and seen[-1] is not self._newest:
+                (q,), _ = estimate.predict(np.array([estimate.updated]))
+                shown = pose(np.eye(3), -mapped.origin) @ shown
+                self._correction = inverse(pose_of(q)) @ graph.chaser @ inverse(shown)
             self._newest = seen[-1] if seen else self._newest
+            T_WM = pose_of(target.orientation) @ self._correction  # noqa: N806
+            target = target._replace(position=T_WM[:3, 3], orientation=from_matrix(T_WM[:3, :3] @ R_MT))
             if isinstance(errors, JointErrors) and self._newest is not None:
                 errors = _with_offset(
                     errors, self._newest, mapped.origin, graph.chaser[:3, :3], target.orientation, offset
                 )
-        return replace(estimate, target=target, errors=errors, mapped=mapped.target)
+        return replace(estimate, target=target, errors=errors, mismatch=mismatch, mapped=mapped.target)
 
 
 def _with_offset(

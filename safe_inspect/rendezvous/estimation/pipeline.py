@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -51,13 +51,16 @@ _LEAST_TIME, _LONGEST = 15.0, 240.0
 _DOUBTFUL = 1.8
 #: Standard deviation of an unknown body's axes above which its motion is searched again [rad].
 _SURE_AXES = 0.2
+#: Standard deviation of the attitude of an aligned frame about each axis [rad], and the number of frames between two
+#: that are compared.
+_ALIGNED, _LAG = np.deg2rad(0.5), 7
 #: Ratio of the smallest to the largest moment of inertia below which a fit has ended at a rod.
 _ROD = 0.02
 
 
-def _is_consistent(found: TargetEstimate | None) -> bool:
+def _is_consistent(found: TargetEstimate | None, tolerance: float) -> bool:
     """Return whether a motion was found that agrees with all edges and with the newest ones."""
-    return found is not None and max(found.misfit, found.recent_misfit) < _DOUBTFUL
+    return found is not None and max(found.misfit, found.recent_misfit) < _DOUBTFUL * tolerance
 
 
 class EstimationPipeline:
@@ -185,23 +188,43 @@ class EstimationPipeline:
         times = np.array([self._times[name] for name in names])
         return History.of(times, from_matrix(poses[first:, :3, :3]), glued, self._edges, names)
 
-    def motion_poses(self) -> dict[int, FloatArray]:
-        """Return T_GB of the frames of the history by the fitted motion, shape (4, 4) each, by number of the frame.
-
-        The motion determines the target's attitude, and the graph the chaser's pose relative to the centre of mass.
-        """
-        found, graph, history = self.target, self.graph, self.history()
-        assert found is not None, "the motion must be known"
-        assert graph is not None, "the motion is known after the first frame only"
+    def attitudes(self, found: TargetEstimate) -> dict[int, FloatArray]:
+        """Return R_GW at the frames of the history by a motion, shape (3, 3) each, by number of the frame."""
+        history = self.history()
         turned = turned_by_bias(history)
         q_WT = multiply(exp((turned[-1] - turned) @ found.drift), found.predict(history.times)[0])  # noqa: N806
         R_GW = to_matrix(multiply(found.q_GT, conjugate(q_WT)))  # noqa: N806
-        names = list(self._back_end.frames)[-len(history.times) :]
-        chaser = self._back_end.chaser_poses(len(names))
+        return dict(zip(list(self._back_end.frames)[-len(R_GW) :], R_GW, strict=True))
+
+    def motion_poses(self, found: TargetEstimate) -> dict[int, FloatArray]:
+        """Return T_GB of the frames of the history by a motion, shape (4, 4) each, by number of the frame.
+
+        The motion determines the target's attitude, and the graph the chaser's pose relative to the centre of mass.
+        """
+        graph = self.graph
+        assert graph is not None, "a motion is known after the first frame only"
+        attitudes = self.attitudes(found)
+        chaser = self._back_end.chaser_poses(len(attitudes))
         return {
-            name: pose(R_GW[k] @ chaser[k, :3, :3], graph.centre_glued + R_GW[k] @ (chaser[k, :3, 3] - graph.centre))
-            for k, name in enumerate(names)
+            number: pose(R_GW @ T_WB[:3, :3], graph.centre_glued + R_GW @ (T_WB[:3, 3] - graph.centre))
+            for (number, R_GW), T_WB in zip(attitudes.items(), chaser, strict=True)
         }
+
+    def refitted(self, poses: Mapping[int, FloatArray]) -> TargetEstimate | None:
+        """Return the motion of a body of unknown axes that fits attitudes of frames best; None if it is not found.
+
+        Args:
+            poses: T_GB of frames of the history by their number, in ascending order, shape (4, 4) each.
+        """
+        history, names = self.history(), list(poses)
+        places = np.searchsorted(list(self._back_end.frames)[-len(history.times) :], names)
+        turns = np.stack([one[:3, :3] for one in poses.values()])
+        pairs = [(0, k) for k in range(1, len(names))] + [(k - _LAG, k) for k in range(_LAG + 1, len(names))]
+        covariance = 2.0 * _ALIGNED**2 * np.eye(6)
+        between = [pose(turns[i].T @ turns[k], np.zeros(3)) for i, k in pairs]
+        edges = [Edge(names[i], names[k], one, covariance, 1.0) for (i, k), one in zip(pairs, between, strict=True)]
+        shown = History.of(history.times[places], history.chaser[places], from_matrix(turns), edges, names)
+        return self._characterise(shown, KnownBody())
 
     def _fit(self, time: float) -> None:
         graph, known = self.graph, self.target
@@ -220,9 +243,9 @@ class EstimationPipeline:
         if known is not None and is_sure and known.misfit < _DOUBTFUL and known.aligned == (model is not None):
             before = motion_of(known)
         found = self._characterise(history, self._known, before, model)
-        if self.changed and before is not None and not _is_consistent(found):
+        if self.changed and before is not None and not _is_consistent(found, self.tolerance):
             found = self._characterise(history, self._known, None, model)
-        if found is None or _is_consistent(found):
+        if found is None or _is_consistent(found, self.tolerance):
             self.target, self.changed = found or known, self.changed and found is None
         elif self.changed:  # some frames are from before the change, or it changed once more: omit the oldest frames
             self._since = max(self._since, time - _LEAST_TIME + 2.0 * _FIT_PERIOD)

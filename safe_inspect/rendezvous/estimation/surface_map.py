@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.dynamics.quaternion import conjugate, multiply, to_matrix
 from safe_inspect.rendezvous.depth_camera import DepthCamera, DepthFrame
-from safe_inspect.rendezvous.estimation.alignment import OrientedPoints, aligned_positions
-from safe_inspect.rendezvous.estimation.states import TargetEstimate
+from safe_inspect.rendezvous.estimation.alignment import OrientedPoints, aligned_poses
 from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.gicp import prepared_cloud
-from safe_inspect.rendezvous.poses import inverse, move, pose
+from safe_inspect.rendezvous.poses import inverse, move, pose, rotation_exp, rotation_log
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.rendezvous.target.solid import PointSolid
 from safe_inspect.types import BoolArray, FloatArray, IntArray
@@ -68,15 +66,18 @@ class SurfaceMap:
         sigma = self._noise[0] + self._noise[1] * distance**2 / np.maximum(np.abs(cosine), _LEAST_COSINE)
         return OrientedPoints(cloud.points[seen], normals[seen], sigma[seen] ** -2)
 
-    def aligned(self, poses: dict[int, FloatArray], motion: TargetEstimate) -> dict[int, FloatArray]:
-        """Return the poses with positions for which the points of the frames coincide; see `aligned_positions`.
+    def aligned(
+        self, poses: dict[int, FloatArray], centre: FloatArray, attitudes: dict[int, FloatArray]
+    ) -> dict[int, FloatArray]:
+        """Return the poses for which the points of the frames coincide; see `aligned_poses`.
 
         Args:
             poses: T_GB by the number of the frame, in ascending order, shape (4, 4) each.
-            motion: The target's motion, from which the attitudes of the poses are known.
+            centre: Centre of mass in G [m], shape (3,).
+            attitudes: R_GW at these frames, shape (3, 3) each.
         """
         numbers, times = list(poses), np.array([self._frames[number].time for number in poses])
-        R_GW = to_matrix(multiply(motion.q_GT, conjugate(motion.predict(times)[0])))  # noqa: N806
+        R_GW = np.stack([attitudes[number] for number in poses])  # noqa: N806
         chosen: list[int] = []
         clouds: list[OrientedPoints] = []
         for index, number in enumerate(numbers):
@@ -84,13 +85,19 @@ class SurfaceMap:
             if points is not None and (not chosen or times[index] >= times[chosen[-1]] + _PERIOD - 1e-6):
                 chosen.append(index)
                 clouds.append(points)
-        stacked = np.stack(list(poses.values()))
-        axis = self._T_BC[:3, 2]
-        found = aligned_positions(clouds, times[chosen], stacked[chosen], R_GW[chosen], axis)
-        errors = np.einsum("kji,kj->ki", R_GW[chosen], found - stacked[chosen, :3, 3])
-        everywhere = np.stack([np.interp(times, times[chosen], column) for column in errors.T], axis=1)
-        positions = stacked[:, :3, 3] + np.einsum("kij,kj->ki", R_GW, everywhere)
-        return {number: pose(stacked[k, :3, :3], positions[k]) for k, number in enumerate(numbers)}
+        stacked = pose(np.eye(3), -centre) @ np.stack(list(poses.values()))
+        found = aligned_poses(clouds, times[chosen], stacked[chosen], R_GW[chosen], self._T_BC[:3, 2])
+        # The errors of the frames between those are interpolated in W.
+        corrections = [new @ inverse(old) for new, old in zip(found, stacked[chosen], strict=True)]
+        errors = np.stack([[rotation_log(one[:3, :3]), one[:3, 3]] for one in corrections]) @ R_GW[chosen]
+        columns = errors.reshape(len(chosen), 6).T
+        between = np.stack([np.interp(times, times[chosen], column) for column in columns], axis=1)
+        errors = between.reshape(-1, 2, 3) @ R_GW.transpose(0, 2, 1)
+        back = pose(np.eye(3), centre)
+        return {
+            number: back @ pose(rotation_exp(turn), shift) @ stacked[k]
+            for k, (number, (turn, shift)) in enumerate(zip(numbers, errors, strict=True))
+        }
 
     def mesh(self, poses: dict[int, FloatArray]) -> TriangleMesh:
         """Return the surface in the frame G of the poses.

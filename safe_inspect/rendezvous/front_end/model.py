@@ -18,6 +18,7 @@ from safe_inspect.rendezvous.front_end.model_registration import (
     acquire,
     distinct_poses,
 )
+from safe_inspect.rendezvous.front_end.placing import Placing
 from safe_inspect.rendezvous.poses import MODEL, Edge, adjoint, difference, inverse, perturbed, rotation_log
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.types import FloatArray
@@ -123,7 +124,7 @@ class ModelFrontEnd(FrontEnd):
     range_sigma: PositiveLength = 3e-3  # type: ignore[valid-type]
     range_growth: NonNegativeLength = 1.5e-3  # type: ignore[valid-type]
 
-    def __call__(self, context: FrontEndContext) -> _ModelFrontEndRun:
+    def __call__(self, context: FrontEndContext) -> ModelFrontEndRun:
         """Return the front end for a mission.
 
         Raises:
@@ -135,9 +136,7 @@ class ModelFrontEnd(FrontEnd):
         registration = self.registration(context.target, context.camera, context.T_BC, roughness)
         # Do not drop pixels at depth edges: the cut rejects flying pixels, and a thin part has no other pixels.
         cleaning = Cleaning(context.camera, edge=np.inf)
-        return _ModelFrontEndRun(
-            cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE, context.poses
-        )
+        return ModelFrontEndRun(cleaning, registration, context.T_BC, self._noise_ratio * _LARGEST_SCORE, context.poses)
 
     @property
     def range_noise(self) -> float:
@@ -168,7 +167,7 @@ class ModelFrontEnd(FrontEnd):
         return ModelRegistration(target, camera, T_BC, self.range_sigma, self.range_growth, cut, roughness)
 
 
-class _ModelFrontEndRun:
+class ModelFrontEndRun:
     """Front end of one mission; it registers every frame to the known shape.
 
     At first, all poses that look alike are tracked. While more than one remains, the pose relative to the first frame
@@ -184,6 +183,9 @@ class _ModelFrontEndRun:
         poses: T_MB of the first frames as known from elsewhere, by their number, shape (4, 4) each; empty for none. A
             shape with known poses is a map of what was seen: frames may show parts that are not on it, so that a score
             decides nothing, and a pose that differs much from the expected one is wrong.
+
+    Attributes:
+        placing: Where the frames together show a map.
     """
 
     def __init__(
@@ -201,6 +203,7 @@ class _ModelFrontEndRun:
         self._count = 0
         self._search_again = -np.inf
         self._T_MG: FloatArray | None = None
+        self.placing = Placing()
 
     def step(self, frame: DepthFrame, predicted: FloatArray | None, rotation: FloatArray) -> list[Edge]:
         """Return the pose relative to the model; while it is ambiguous, that relative to the search's first frame."""
@@ -213,7 +216,7 @@ class _ModelFrontEndRun:
             self._fail(self._hypotheses)
             return []
         cloud = cloud.thinned(_USED_POINTS)
-        expected = None if self._T_MG is None or predicted is None else self._T_MG @ predicted
+        expected = None if predicted is None else self._expected(predicted)
         was_ambiguous = len(self._hypotheses) > 1
         if number in self._poses:
             self._place_known(cloud, frame.time, self._poses[number])
@@ -233,7 +236,7 @@ class _ModelFrontEndRun:
             found = best.found
             edges.append(Edge(MODEL, number, found.pose, found.covariance(), found.inliers, "model"))
             if predicted is not None:
-                self._place(found, predicted)
+                self._place(found, predicted, frame.time)
         return edges
 
     @property
@@ -256,8 +259,17 @@ class _ModelFrontEndRun:
         elif not all(one.motion.is_known for one in lost):
             self._hypotheses = []
 
-    def _place(self, found: Registration, predicted: FloatArray) -> None:
+    def _expected(self, predicted: FloatArray) -> FloatArray | None:
+        """Return T_MB for a predicted T_GB, shape (4, 4); None before the pose of G in M is known."""
+        if self._poses:
+            return self.placing.expected(predicted)
+        return None if self._T_MG is None else self._T_MG @ predicted
+
+    def _place(self, found: Registration, predicted: FloatArray, time: float) -> None:
         """Update the pose of G in M with a fraction of a frame's correction; replace it if the correction is large."""
+        if self._poses:
+            self.placing.update(time, predicted, found.pose, found.covariance())
+            return
         shown = found.pose @ inverse(predicted)
         if self._T_MG is None or _is_beyond(off := difference(self._T_MG, shown), _FAR_OFF):
             self._T_MG = shown

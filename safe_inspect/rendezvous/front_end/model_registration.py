@@ -35,6 +35,8 @@ _SECOND_ORDER = 10.0
 #: spread of the points, relative to the swept radius, above which the first holds; and the power by which it grows for
 #: a smaller spread: details rotate a small patch more, and fewer of them are averaged.
 _DETAIL_TURN, _DETAIL_SHIFT, _WHOLE, _SPREAD_POWER = np.deg2rad(0.06), 3e-3, 0.35, 1.5
+#: The same rotation by the errors of a map, at a range at which ranges have the constant part of their noise [rad].
+_MAP_TURN = np.deg2rad(0.4)
 #: Minimum number of poses that a search registers with all points.
 _REFINED = 18
 #: Number of found poses that are displaced along the axes of M, by which fractions of the swept radius, and the
@@ -119,12 +121,22 @@ class ModelRegistration:
         carry = adjoint(inverse(pose))
         spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
         whole = _WHOLE * self.swept_radius
-        turn = _DETAIL_TURN * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER
+        turn = self._detail_turn(cloud) * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
         # On a rough surface, the prior bounds the errors along directions that the frame does not show.
         hessian = found.hessian + excess * prior if self._roughness else found.hessian
         return replace(found, hessian=hessian, excess=excess, systematic=systematic)
+
+    def _detail_turn(self, cloud: Cloud) -> float:
+        """Return the standard deviation of the rotation by details that the shape lacks [rad].
+
+        Errors of a map matter more where the ranges that are compared with it are noisier.
+        """
+        if not self._roughness:
+            return float(_DETAIL_TURN)
+        distance = float(np.linalg.norm(cloud.points.mean(axis=0) - self._T_BC[:3, 3]))
+        return float(_MAP_TURN * (1.0 + self._noise.k * distance**2 / self._noise.sigma0))
 
     def linearise(
         self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from safe_inspect.cli.main import main
-from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, to_matrix
+from safe_inspect.dynamics.quaternion import conjugate, exp, from_matrix, multiply, rotate, to_matrix
 from safe_inspect.errors import ConfigError
 from safe_inspect.geometry.pointing import R_BC
 from safe_inspect.missions.mission import Mission
-from safe_inspect.missions.scenario import check_scenario
+from safe_inspect.missions.scenario import check_scenario, mission_streams
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
-from safe_inspect.missions.truth import pose_in_model
-from safe_inspect.rendezvous.estimate import BodyState, JointErrors
-from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, _Found, _with_offset
+from safe_inspect.missions.truth import estimator_context, pose_in_model
+from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate
+from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, _Found, _Mapped, _with_offset
 from safe_inspect.rendezvous.estimation.states import TargetEstimate
 from safe_inspect.rendezvous.estimation.station import Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
@@ -30,7 +30,17 @@ from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.front_end import model as front_end_module
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
-from safe_inspect.rendezvous.poses import MODEL, Edge, difference, inverse, move, perturbed, pose, rotation_exp
+from safe_inspect.rendezvous.poses import (
+    MODEL,
+    Edge,
+    difference,
+    inverse,
+    move,
+    perturbed,
+    pose,
+    rotation_exp,
+    rotation_log,
+)
 from safe_inspect.rendezvous.target.model import Target, TriangleMesh
 from safe_inspect.rendezvous.target.solid import PointSolid
 
@@ -108,22 +118,28 @@ def _true_motion(frames: Sequence[WatchedFrame]) -> TargetEstimate:
     )
 
 
-def test_frames_whose_positions_err_slowly_are_aligned_by_what_they_show(watched: list[WatchedFrame]) -> None:
+def test_frames_whose_poses_err_slowly_are_aligned_by_what_they_show(watched: list[WatchedFrame]) -> None:
     found, true = _mapped(watched)
     found._points[40] = None  # a frame without points moves with those before and after it
     times = np.array([one.frame.time for one in watched])
-    inertial = 0.05 * np.sin(times[:, None] / np.array([23.0, 31.0, 41.0]) + np.array([0.0, 1.0, 2.0]))
+    waves = np.sin(times[:, None] / np.array([23.0, 31.0, 41.0]) + np.array([0.0, 1.0, 2.0]))
     motion = _true_motion(watched)
     R_GW = to_matrix(multiply(motion.q_GT, conjugate(motion.predict(times)[0])))  # noqa: N806
-    errors = np.einsum("kij,kj->ki", R_GW, inertial)
-    erring = {number: pose(one[:3, :3], one[:3, 3] + errors[number]) for number, one in true.items()}
-    aligned = found.aligned(erring, motion)
-    left = np.array([aligned[number][:3, 3] - one[:3, 3] for number, one in true.items()])
-    left -= left.mean(axis=0)  # frames coincide wherever the origin is
-    assert np.sqrt((errors**2).sum(axis=1).mean()) > 0.05
-    assert np.sqrt((left**2).sum(axis=1).mean()) < 0.006
-    assert np.linalg.norm(left, axis=1).max() < 0.015
-    assert all((aligned[number][:3, :3] == one[:3, :3]).all() for number, one in true.items())
+    shifts = 0.05 * np.einsum("kij,kj->ki", R_GW, waves)
+    turns = np.deg2rad(2.0) * np.einsum("kij,kj->ki", R_GW, np.roll(waves, 1, axis=1))
+    erring = {number: pose(rotation_exp(turns[number]), shifts[number]) @ one for number, one in true.items()}
+    aligned = found.aligned(erring, np.zeros(3), dict(enumerate(R_GW)))
+    left = [aligned[number] @ inverse(one) for number, one in true.items()]
+    shift, turn = np.array([one[:3, 3] for one in left]), np.array([rotation_log(one[:3, :3]) for one in left])
+    shift -= shift.mean(axis=0)  # frames coincide wherever the origin is, and however the axes are turned
+    turn -= turn.mean(axis=0)
+    turns -= turns.mean(axis=0)
+    assert np.sqrt((shifts**2).sum(axis=1).mean()) > 0.05
+    assert np.sqrt((shift**2).sum(axis=1).mean()) < 0.008
+    assert np.linalg.norm(shift, axis=1).max() < 0.015
+    assert np.sqrt((turns**2).sum(axis=1).mean()) > np.deg2rad(2.0)
+    assert np.sqrt((turn**2).sum(axis=1).mean()) < np.deg2rad(0.8)
+    assert np.linalg.norm(turn[40] - turn[39:42].mean(axis=0)) < np.deg2rad(0.3)
 
 
 def test_what_no_frame_has_seen_is_occupied(watched: list[WatchedFrame]) -> None:
@@ -234,7 +250,7 @@ def test_a_map_needs_the_attitude_of_the_surface_and_not_of_the_axes(
     covariance[0, 0] = np.deg2rad(9.0) ** 2
     motion = SimpleNamespace(misfit=misfit, covariance=covariance, axes_sigma=np.deg2rad(axes))
     graph = SimpleNamespace(centre_glued=np.zeros(3), model=None)
-    pipeline: Any = SimpleNamespace(target=motion, graph=graph, motion_poses=dict)
+    pipeline: Any = SimpleNamespace(target=motion, graph=graph, motion_poses=lambda _: {})
     assert (_Found.of(pipeline) is not None) == is_found
 
 
@@ -334,3 +350,41 @@ def test_frames_that_show_what_is_not_on_the_map_are_registered_near_the_expecte
         monkeypatch.setattr(front_end_module, "acquire", lambda *_, **__: searches.append(0) or [])
     assert counts[0] < counts[1] == len(seen)
     assert not searches
+
+
+def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
+    """The fit of the motion errs by 3 degrees and 2 cm; the target is free, so that the correction turns with it."""
+    config = _config()
+    target, mount = _target(), pose(R_BC, np.array(config.chaser.camera_position))
+    context = estimator_context(config, config.estimator.known(target), mission_streams(config, 0))
+    origin, shift = np.array([0.02, -0.03, 0.01]), np.array([0.1, 0.2, -0.1])
+    mapped = _Mapped(target, origin)
+    front_end = ModelFrontEnd()(FrontEndContext(context.camera, mount, target, None, {0: np.eye(4)}))
+    T_WB = pose(rotation_exp(np.array([0.3, -0.2, 0.5])), np.array([0.5, -1.2, 0.3]))  # noqa: N806
+    orientation, rate = exp(np.array([0.4, 1.1, -0.3])), np.deg2rad([2.0, -1.0, 3.0])
+    R_WM = to_matrix(orientation) @ target.R_MT.T  # noqa: N806
+    # Frames show the centre of mass, at the origin of G and in the map, where the fit does not have it.
+    expected = inverse(pose(R_WM, np.zeros(3))) @ T_WB
+    off = pose(rotation_exp(np.deg2rad([3.0, 0.0, 0.0])), np.array([0.0, 0.02, 0.0]))
+    shown = pose(np.eye(3), origin) @ off @ expected
+    edge = Edge(MODEL, 5, shown, 1e-6 * np.eye(6), 1.0, "model")
+    graph = SimpleNamespace(chaser=T_WB, centre_glued=shift + origin, model=pose(np.eye(3), shift))
+    run: Any = MappingEstimator()(context)
+    run._run = SimpleNamespace(front_end=front_end, pipeline=SimpleNamespace(graph=graph, measured=[edge]))
+    front_end.placing.update(7.0, expected, shown, edge.covariance)
+    chaser = BodyState(T_WB[:3, 3], np.zeros(3), from_matrix(T_WB[:3, :3]), np.zeros(3))
+    body = BodyState(np.zeros(3), np.zeros(3), orientation, rate)
+    known = StateEstimate(7.0, 7.0, chaser, body, target.principal, EstimateErrors(0.1, 0.1), 0.9, mismatch=0.0)
+    found = run._about_origin(known, mapped)
+    R_WM = to_matrix(found.target.orientation) @ target.R_MT.T  # noqa: N806
+    np.testing.assert_allclose(inverse(pose(R_WM, found.target.position)) @ T_WB, off @ expected, atol=1e-12)
+    assert found.mismatch == np.inf  # of the five newest frames
+    # Later, without a new frame, it turns with the fitted motion.
+    (q,), (w,) = known.predict(np.array([17.0]))
+    later = dataclasses.replace(known, time=17.0, target=BodyState(np.zeros(3), np.zeros(3), q, w))
+    moved = run._about_origin(later, mapped).target
+    turned = multiply(conjugate(orientation), found.target.orientation)
+    np.testing.assert_allclose(multiply(conjugate(q), moved.orientation), turned, atol=1e-12)
+    np.testing.assert_allclose(
+        rotate(conjugate(q), moved.position), rotate(conjugate(orientation), found.target.position)
+    )
