@@ -119,9 +119,7 @@ class ModelRegistration:
             pose = perturbed(pose, np.asarray(move / max(float(np.abs(move).max()) / _LARGEST_STEP, 1.0)))
         # Details that the boxes lack shift the shape in its frame M, independently of the distance.
         carry = adjoint(inverse(pose))
-        spread = float(np.sqrt(cloud.points.var(axis=0).sum()))
-        whole = _WHOLE * self.swept_radius
-        turn = self._detail_turn(cloud) * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER
+        turn = self._detail_turn(cloud)
         systematic = carry @ np.diag(np.repeat([turn, _DETAIL_SHIFT], 3) ** 2) @ carry.T
         excess = found.excess * (1.0 + _SECOND_ORDER * found.excess**2)
         # On a rough surface, the prior bounds the errors along directions that the frame does not show.
@@ -131,12 +129,13 @@ class ModelRegistration:
     def _detail_turn(self, cloud: Cloud) -> float:
         """Return the standard deviation of the rotation by details that the shape lacks [rad].
 
-        Errors of a map matter more where the ranges that are compared with it are noisier.
+        The errors of a map matter more where the ranges that are compared with it are noisier.
         """
-        if not self._roughness:
-            return float(_DETAIL_TURN)
-        distance = float(np.linalg.norm(cloud.points.mean(axis=0) - self._T_BC[:3, 3]))
-        return float(_MAP_TURN * (1.0 + self._noise.k * distance**2 / self._noise.sigma0))
+        if self._roughness:
+            distance = float(np.linalg.norm(cloud.points.mean(axis=0) - self._T_BC[:3, 3]))
+            return float(_MAP_TURN * (1.0 + self._noise.k * distance**2 / self._noise.sigma0))
+        spread, whole = float(np.sqrt(cloud.points.var(axis=0).sum())), _WHOLE * self.swept_radius
+        return float(_DETAIL_TURN * max(whole / max(spread, 1e-3 * whole), 1.0) ** _SPREAD_POWER)
 
     def linearise(
         self, cloud: Cloud, pose: FloatArray, widening: float = 1.0, *, coarse: bool = False

@@ -25,8 +25,7 @@ class Placing:
     Attributes:
         pose: T_MB of the newest frame, as the frames together show it, shape (4, 4); None before the first frame.
         mismatch: Largest distance between where one of the newest frames alone shows the chaser in the map and where
-            all together do, plus the largest standard deviation of the frame's position [m]; infinite before five
-            frames.
+            all together do, plus the largest standard deviation of the latter [m]; infinite before five frames.
     """
 
     def __init__(self) -> None:
@@ -64,5 +63,6 @@ class Placing:
             self._T_MG = perturbed(self._T_MG, gain @ difference(self._T_MG, of_frame))
             self._covariance = before - gain @ before
         self._time, self.pose = time, self._T_MG @ predicted
-        sigma = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+        back = adjoint(inverse(predicted))
+        sigma = np.sqrt(np.linalg.eigvalsh((back @ self._covariance @ back.T)[3:, 3:])[-1])
         self._mismatches.append(float(np.linalg.norm(self.pose[:3, 3] - shown[:3, 3]) + sigma))
