@@ -2,10 +2,12 @@
 
 In `safe_inspect.evaluation.rollouts`, `rollout` records the first episodes of a rollout (`record`), and
 `record_episode` one; on the command line, ``evaluate --record K --output FOLDER``. States are those of control steps,
-not of physics steps; observations, actions and rewards are not recorded.
-`safe_inspect.evaluation.results.files` writes the fields to ``trajectories.npz``, as arrays that are named by episode
-and field, ``0/position``, and reads them (`read_trajectories`). In `safe_inspect.figures`, `trajectory_figure`, `film`
-and `page` draw a `Trajectory`, as the commands ``draw``, ``film`` and ``view`` do.
+not of physics steps; observations, actions and rewards are not recorded. `safe_inspect.evaluation.results.files` writes
+the fields to ``trajectories.npz``, as arrays that are named by episode and field, ``0/position`` or
+``0/arrays/sun_angle``, with all that is no array as JSON in the array ``tree``, and reads them (`read_trajectories`).
+The folder is written after the last episode, with ``evaluation.json`` and ``episodes.npz`` (the figures of all
+episodes); until then, finished batches are kept with their recordings in ``FOLDER.part``. In `safe_inspect.figures`,
+`trajectory_figure`, `film` and `page` draw a `Trajectory`, as the commands ``draw``, ``film`` and ``view`` do.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """`Rollout`: samples in arrays, in which the data of an episode are contiguous, and RLlib's episodes made from them.
 
 The batched runners of `env_runners` send what `_episode` returns, of the agents whose policies are trained: for each
-sample, ceil(num_timesteps / N) control steps of each of N environments. Where a training uses RLlib's stock runners,
-these send RLlib's own episodes.
+sample, ceil(num_timesteps / N) control steps of each of N environments, or whole episodes if their number is given.
+Where a training uses RLlib's stock runners, these send RLlib's own episodes.
 """
 
 from __future__ import annotations

@@ -157,14 +157,17 @@ class Pilot:
     It reads
 
     - the `Readings` of each step: itself the time and the sensors that are silent, and once, at the first step, the
-      chaser's state in `start`; the rest through the estimator;
+      chaser's state in `start`; the rest through the estimator: the command that was held since the last step and, as
+      the estimator's `reads` names them, the depth frame or measured poses, inertial samples, measured states and an
+      operator's mark;
     - its `PilotConfig`: the chaser with the errors of its actuators, the mission with the faults of the planner only,
       and planner, bound and tracker;
     - what `StateEstimator.known` returns of the target before the mission: by default everything.
 
     It must not read true states or the faults of sensors and target. It is given none of them, and it may not import
-    `safe_inspect.missions`, by the rules of ``.importlinter``. What it gets of the truth nevertheless is the chaser's
-    state in `Readings.start`, and the measurements of a sensor of states, see `safe_inspect.rendezvous.readings`.
+    `safe_inspect.missions`, by the rules of ``.importlinter``, which do not check plugins of other packages. What it
+    gets of the truth nevertheless is the chaser's state in `Readings.start`, and the measurements of a sensor of
+    states, see `safe_inspect.rendezvous.readings`.
 
     It must draw from the streams only what is named ``bound.*``, because they are those of the mission. No check
     enforces this rule.

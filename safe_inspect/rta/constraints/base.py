@@ -148,6 +148,11 @@ class Constraint(Plugin):
     that no rejection sampler tests is tested at the reset, and flown even if the filter rejects it. With
     ``undeclared: warn``, components and dynamics that declare no `disturbance_bounds` are accepted.
 
+    From a state without a plan, nothing is guaranteed: the filter ignores the desired thrust, applies a return control
+    (in a team first each deputy's own safe plan, if there is one) and marks the step as infeasible. The constraint
+    ``sun`` also requires a `Sun` in the plane of a circular orbit, which turns at the orbit's mean motion and starts at
+    the angle with which initial states are tested.
+
     These filters do not use h to choose a thrust, but their test of initial states requires h >= 0 and phi >= 0. For
     them, a subclass also defines `half_space`, a static method that the filter compiles::
 

@@ -201,6 +201,10 @@ class Sun(SunDirection, PassiveComponent):
     in the dark. The shadow is that of `dynamics.orbit.earth`. Another law of shadows must change `shade`, and what
     predicts: `Shadow.edge`, `predicted_sun` and the sensor.
 
+    Which points are lit is decided in `geometry.visibility` (`light_row`, `inspect_in_view`, `inspect_body`: q . s >
+    terminator), which `InspectionPoints` calls with s from ``light_direction``, or from the copy of it along the axes
+    of a body that rotates, see `array_in_axes_of`.
+
     Attributes:
         rate: Rate of the angle [rad/s]. On a `RelativeOrbit`, it does not move the sun; predictions use it nevertheless
             (``world.sun_rate``).
