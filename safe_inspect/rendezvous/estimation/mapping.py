@@ -276,9 +276,10 @@ class _MappingEstimatorRun:
         return Target(PointSolid(((mesh.vertices, 0.0),)), mesh, 0.5 * (inertia + inertia.T), known.mating_point)
 
     def _about_origin(self, estimate: StateEstimate, mapped: _Mapped) -> StateEstimate:
-        """Return an estimate of the position of the point of the map that was the centre of mass when it was made.
+        """Return an estimate of the pose of the map, about the point that was the centre of mass when it was made.
 
-        Frames show this point much more accurately than the centre of mass, about which it rotates.
+        Frames show this point much more accurately than the centre of mass, about which it rotates. The map is placed
+        where the newest frames show it, and moves as the target's estimated motion says.
         """
         pipeline, target, errors, mismatch = self._run.pipeline, estimate.target, estimate.errors, estimate.mismatch
         if pipeline is not None and pipeline.graph is not None and pipeline.graph.model is not None:
