@@ -55,9 +55,9 @@ _UNMARKED = 1e-3
 class MappingEstimator(StateEstimator):
     """Estimator for a target of unknown shape that maps it during the observation.
 
-    A front end for unknown shapes and a fit of the motion give the attitudes of the frames, their alignment the
-    positions, and both a map. The frames are then registered to the map as to a known model, and from then on the
-    estimate comes from registration to this map. The mating point is the one that an operator marks in frames.
+    A front end for unknown shapes and a fit of the motion give the poses of the frames, the alignment of their points
+    corrects them, and they give a map. The frames are then registered to the map as to a known model, and from then on
+    the estimate comes from registration to this map. The mating point is the one that an operator marks in frames.
     It computes in metres, which suits targets of 0.5 to 2 m.
 
     Attributes:
