@@ -449,7 +449,7 @@ def glues_of(spec):
 def test_what_is_not_given_is_taken_from_the_world(shipped):
     heavy = ["platform_config.blue0.config.config.mass=20", _REWARD]
     world = "config.config.env_config.simulator.config"
-    orbit = [f"{world}.mean_motion=0.0011", f"{GLUE}.n=null"]
+    orbit = [f"{world}.mean_motion=0.0011", f"{world}.illumination_params.mean_motion=0.0011", f"{GLUE}.n=null"]
     spec = load_experiment(shipped, [ON, _WEAK, *heavy, *orbit, f"{GLUE}.u_max=null"]).spec
     for glue in glues_of(spec):
         assert (glue.step_size, glue.n, glue.m) == (10.0, 0.0011, 20.0)

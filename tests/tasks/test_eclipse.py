@@ -92,7 +92,7 @@ def test_the_sensor_of_the_sunlight(tmp_path: Any) -> None:
 
 def test_an_orbit_inside_of_the_earth_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"`mean_motion` 0\.002 rad/s is inside of the Earth"):
-        load_experiment(PLAIN, [ON, "simulator.config.mean_motion=0.002"])
+        load_experiment(PLAIN, [ON, "simulator.config.mean_motion=0.002", "illumination_params.mean_motion=0.002"])
 
 
 def test_the_coasting_sensor_predicts_the_shadow() -> None:

@@ -57,19 +57,6 @@ def inertial(orbit: FloatArray, vector: FloatArray) -> FloatArray:
     return np.asarray(about(2, node) @ about(0, i) @ about(2, u) @ vector)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "rate"),
-    [
-        ([], 0.001027),
-        (["simulator.config.mean_motion=0.0005"], 0.0005),
-        (["simulator.config.mean_motion=0.0005", "illumination_params.mean_motion=0.0011"], 0.0011),
-    ],
-)
-def test_the_sun_turns_at_the_rate_of_the_orbit_unless_it_has_its_own(overrides: list[str], rate: float) -> None:
-    angle = fly(environment(*overrides), 20)["sun_angle"]
-    np.testing.assert_allclose(angle[-1] - angle[0], 200.0 * rate, rtol=1e-12)
-
-
 def test_the_sun_of_an_elliptic_precessing_orbit_stays_in_inertial_space() -> None:
     found = fly(environment("dynamics={functor: RelativeOrbit, config: {eccentricity: 0.1, inclination: 50 deg}}",
                             "illumination_params.beta_angle=30 deg"))  # fmt: skip

@@ -30,8 +30,8 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
     the summed weight of the inspected points.
 
     Attributes:
-        mean_motion: Mean motion of the chief's circular orbit [rad/s], and the rate of the sun, unless
-            `illumination_params` has its own `mean_motion`.
+        mean_motion: Mean motion of the chief's circular orbit [rad/s]. It does not set the rate of the sun, which is
+            the `mean_motion` of `illumination_params`, unless that is None.
         dynamics: Dynamics of the deputies, to set other values than the defaults. Its mean motion is the chief's.
         chief_angular_velocity: Constant angular velocity of the body ``chief`` relative to Hill's frame, along Hill's
             axes [rad/s], see `ChiefRotation`; by default, it is zero.
@@ -80,8 +80,7 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
         if light is None:
             sun = Sun(rate=self.mean_motion)
         else:
-            rate = self.mean_motion if light.mean_motion is None else light.mean_motion
-            sun = Sun(rate=rate, distance=light.avg_rad_Earth2Sun, **_of(light, SunDirection))
+            sun = Sun(rate=light.mean_motion, distance=light.avg_rad_Earth2Sun, **_of(light, SunDirection))
         return dynamics, (
             sun,
             *turning,

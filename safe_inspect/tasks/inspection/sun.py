@@ -180,8 +180,9 @@ def _sun_on(date: datetime) -> tuple[float, float, float]:
 class Sun(SunDirection, PassiveComponent):
     """Sun whose angle a grows at a constant rate, a(t) = a(0) + rate t, clockwise about +z of Hill's frame.
 
-    Its direction is that of `sun_directions`. In an `InspectionSimulator`, the rate is the simulator's `mean_motion`,
-    unless `illumination_params` has its own.
+    Its direction is that of `sun_directions`. The rate is the `mean_motion` of `illumination_params`, 0.001027 rad/s by
+    default, even if the simulator has another `mean_motion`: set both. With ``illumination_params: null``, the rate is
+    the simulator's `mean_motion`.
 
     Arrays: ``sun_angle``, not wrapped [rad], shape (N,), and ``sun_direction``, the unit vector from the chief to the
     sun, shape (N, 3). A reset takes the angle from the sampled state ``sun_angle``, or 0 if there is none.
@@ -311,7 +312,7 @@ class IlluminationParams(SunDirection):
     """Properties of the sun and its light.
 
     Attributes:
-        mean_motion: Rate of the sun's angle [rad/s]; None for the simulator's `mean_motion`.
+        mean_motion: Rate of the sun's angle [rad/s]; it does not follow the simulator's `mean_motion`, see `Sun`.
         avg_rad_Earth2Sun: Distance of the sun [m]; its rays are parallel on the chief, and the distance only determines
             the penumbra of an eclipse.
         light_properties: Colour of the light; recorded, without effect on the simulation.
@@ -328,7 +329,7 @@ class IlluminationParams(SunDirection):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    mean_motion: PositiveAngularRate | None = None
+    mean_motion: PositiveAngularRate = 0.001027
     avg_rad_Earth2Sun: PositiveLength = 150e9  # noqa: N815 - the key of safe-autonomy-sims
     light_properties: dict[str, Any] = Field(default_factory=dict)
     chief_properties: dict[str, Any] = Field(default_factory=dict)
