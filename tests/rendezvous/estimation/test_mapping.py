@@ -22,13 +22,16 @@ from safe_inspect.missions.scenario import check_scenario, mission_streams
 from safe_inspect.missions.sensor_log_writer import WatchedFrame, watch
 from safe_inspect.missions.truth import estimator_context, pose_in_model
 from safe_inspect.rendezvous.estimate import BodyState, EstimateErrors, JointErrors, StateEstimate
+from safe_inspect.rendezvous.estimation.characteriser import PolhodeCharacteriser
 from safe_inspect.rendezvous.estimation.mapping import MappingEstimator, _Found, _Mapped, _with_offset
-from safe_inspect.rendezvous.estimation.states import TargetEstimate
+from safe_inspect.rendezvous.estimation.pipeline import EstimationPipeline, _is_consistent
+from safe_inspect.rendezvous.estimation.states import History, TargetEstimate
 from safe_inspect.rendezvous.estimation.station import Station
 from safe_inspect.rendezvous.estimation.surface_map import SurfaceMap
 from safe_inspect.rendezvous.experiment import RendezvousConfig, load_rendezvous
 from safe_inspect.rendezvous.front_end import model as front_end_module
 from safe_inspect.rendezvous.front_end.base import FrontEndContext
+from safe_inspect.rendezvous.front_end.cleaning import Cleaning
 from safe_inspect.rendezvous.front_end.model import ModelFrontEnd
 from safe_inspect.rendezvous.poses import (
     MODEL,
@@ -371,14 +374,17 @@ def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
     graph = SimpleNamespace(chaser=T_WB, centre_glued=shift + origin, model=pose(np.eye(3), shift))
     run: Any = MappingEstimator()(context)
     run._run = SimpleNamespace(front_end=front_end, pipeline=SimpleNamespace(graph=graph, measured=[edge]))
-    front_end.placing.update(7.0, expected, shown, edge.covariance)
+    for time in range(3, 8):
+        front_end.placing.update(float(time), expected, shown, edge.covariance)
     chaser = BodyState(T_WB[:3, 3], np.zeros(3), from_matrix(T_WB[:3, :3]), np.zeros(3))
     body = BodyState(np.zeros(3), np.zeros(3), orientation, rate)
     known = StateEstimate(7.0, 7.0, chaser, body, target.principal, EstimateErrors(0.1, 0.1), 0.9, mismatch=0.0)
     found = run._about_origin(known, mapped)
     R_WM = to_matrix(found.target.orientation) @ target.R_MT.T  # noqa: N806
     np.testing.assert_allclose(inverse(pose(R_WM, found.target.position)) @ T_WB, off @ expected, atol=1e-12)
-    assert found.mismatch == np.inf  # of the five newest frames
+    assert found.mismatch == front_end.placing.mismatch < 0.01
+    unseen = dataclasses.replace(known, mismatch=np.inf)  # one of the newest frames shows nothing
+    assert run._about_origin(unseen, mapped).mismatch == np.inf
     # Later, without a new frame, it turns with the fitted motion.
     (q,), (w,) = known.predict(np.array([17.0]))
     later = dataclasses.replace(known, time=17.0, target=BodyState(np.zeros(3), np.zeros(3), q, w))
@@ -388,3 +394,56 @@ def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
     np.testing.assert_allclose(
         rotate(conjugate(q), moved.position), rotate(conjugate(orientation), found.target.position)
     )
+
+
+def test_the_motion_that_fits_attitudes_is_found_without_knowing_the_axes(
+    watched: list[WatchedFrame],
+) -> None:
+    """Attitudes that err by 0.3 degrees, in 80 s."""
+    random, frames = np.random.default_rng(5), range(len(watched))
+    times = np.array([one.frame.time for one in watched])
+    truth = _true_motion(watched)
+    q_WT, rate = truth.predict(times)  # noqa: N806
+    turns = [rotation_exp(np.deg2rad(0.3) * random.normal(size=3)) for _ in frames]
+    poses = {k: pose(watched[k].T_MB[:3, :3] @ turns[k], np.zeros(3)) for k in frames}
+    # T_MB = T_MT T_TW T_WB, from which the chaser's attitude follows.
+    chaser = np.stack([to_matrix(q_WT[k]) @ to_matrix(truth.q_GT).T @ watched[k].T_MB[:3, :3] for k in frames])
+    history = History.of(times, from_matrix(chaser), np.full((len(times), 4), np.nan), [], list(frames))
+    pipeline: Any = SimpleNamespace(
+        history=lambda: history,
+        _back_end=SimpleNamespace(frames=dict.fromkeys(frames)),
+        _characterise=PolhodeCharacteriser(),
+    )
+    found = EstimationPipeline.refitted(pipeline, poses)
+    assert found is not None
+    expected = to_matrix(multiply(truth.q_GT, conjugate(q_WT)))
+    R_GW = to_matrix(multiply(found.q_GT, conjugate(found.predict(times)[0])))  # noqa: N806
+    off = [np.linalg.norm(rotation_log(one.T @ other)) for one, other in zip(expected, R_GW, strict=True)]
+    assert np.sqrt(np.mean(np.square(off))) < np.deg2rad(0.3)
+    in_inertial = rotate(found.orientation, found.angular_velocity) - rotate(q_WT[-1], rate[-1])
+    assert np.linalg.norm(in_inertial) < np.deg2rad(0.05)
+
+
+@pytest.mark.parametrize(("tolerance", "is_consistent"), [(1.0, False), (4.0, True)])
+def test_a_motion_agrees_with_frames_of_a_map_within_its_tolerance(tolerance: float, is_consistent: bool) -> None:
+    found: Any = SimpleNamespace(misfit=2.5, recent_misfit=5.0)
+    assert _is_consistent(found, tolerance) == is_consistent
+    assert not _is_consistent(None, tolerance)
+
+
+def test_poses_to_a_map_have_its_errors_and_more_from_afar(watched: list[WatchedFrame]) -> None:
+    config, target = _config(), _target()
+    mount = pose(R_BC, np.array(config.chaser.camera_position))
+    cleaning = Cleaning(config.sensors.camera.geometry)
+    near = cleaning(watched[0].frame, mount)
+    far = dataclasses.replace(near, points=near.points + mount[:3, 2])  # 1 m along the optical axis
+    known, mapped = (
+        ModelFrontEnd().registration(target, config.sensors.camera.geometry, mount, roughness)
+        for roughness in (0.0, 0.1)
+    )
+    assert known._detail_turn(near) == known._detail_turn(far) < np.deg2rad(0.2)
+    assert np.deg2rad(0.4) < mapped._detail_turn(near) < mapped._detail_turn(far) - np.deg2rad(0.2)
+    turn = mapped._detail_turn(near)
+    found = mapped(near, watched[0].T_MB)
+    rotation = found.covariance()[:3, :3]
+    assert np.sqrt(np.linalg.eigvalsh(rotation)[0]) > 0.99 * turn
