@@ -365,7 +365,12 @@ def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
     front_end = ModelFrontEnd()(FrontEndContext(context.camera, mount, target, None, {0: np.eye(4)}))
     T_WB = pose(rotation_exp(np.array([0.3, -0.2, 0.5])), np.array([0.5, -1.2, 0.3]))  # noqa: N806
     orientation, rate = exp(np.array([0.4, 1.1, -0.3])), np.deg2rad([2.0, -1.0, 3.0])
-    R_WM = to_matrix(orientation) @ target.R_MT.T  # noqa: N806
+    body = BodyState(np.zeros(3), np.zeros(3), orientation, rate)
+    chaser = BodyState(T_WB[:3, 3], np.zeros(3), from_matrix(T_WB[:3, :3]), np.zeros(3))
+    # The frame was taken 0.2 s before the estimate.
+    known = StateEstimate(7.2, 7.0, chaser, body, target.principal, EstimateErrors(0.1, 0.1), 0.9, mismatch=0.0)
+    (at_frame,), _ = known.predict(np.array([7.0]))
+    R_WM = to_matrix(at_frame) @ target.R_MT.T  # noqa: N806
     # Frames show the centre of mass, at the origin of G and in the map, where the fit does not have it.
     expected = inverse(pose(R_WM, np.zeros(3))) @ T_WB
     off = pose(rotation_exp(np.deg2rad([3.0, 0.0, 0.0])), np.array([0.0, 0.02, 0.0]))
@@ -376,12 +381,11 @@ def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
     run._run = SimpleNamespace(front_end=front_end, pipeline=SimpleNamespace(graph=graph, measured=[edge]))
     for time in range(3, 8):
         front_end.placing.update(float(time), expected, shown, edge.covariance)
-    chaser = BodyState(T_WB[:3, 3], np.zeros(3), from_matrix(T_WB[:3, :3]), np.zeros(3))
-    body = BodyState(np.zeros(3), np.zeros(3), orientation, rate)
-    known = StateEstimate(7.0, 7.0, chaser, body, target.principal, EstimateErrors(0.1, 0.1), 0.9, mismatch=0.0)
     found = run._about_origin(known, mapped)
-    R_WM = to_matrix(found.target.orientation) @ target.R_MT.T  # noqa: N806
-    np.testing.assert_allclose(inverse(pose(R_WM, found.target.position)) @ T_WB, off @ expected, atol=1e-12)
+    turned = multiply(conjugate(orientation), found.target.orientation)
+    R_WM = to_matrix(multiply(at_frame, turned)) @ target.R_MT.T  # noqa: N806
+    position = rotate(at_frame, rotate(conjugate(orientation), found.target.position))
+    np.testing.assert_allclose(inverse(pose(R_WM, position)) @ T_WB, off @ expected, atol=1e-12)
     assert found.mismatch == front_end.placing.mismatch < 0.01
     unseen = dataclasses.replace(known, mismatch=np.inf)  # one of the newest frames shows nothing
     assert run._about_origin(unseen, mapped).mismatch == np.inf
@@ -389,7 +393,6 @@ def test_the_estimated_map_is_where_the_newest_frames_show_it() -> None:
     (q,), (w,) = known.predict(np.array([17.0]))
     later = dataclasses.replace(known, time=17.0, target=BodyState(np.zeros(3), np.zeros(3), q, w))
     moved = run._about_origin(later, mapped).target
-    turned = multiply(conjugate(orientation), found.target.orientation)
     np.testing.assert_allclose(multiply(conjugate(q), moved.orientation), turned, atol=1e-12)
     np.testing.assert_allclose(
         rotate(conjugate(q), moved.position), rotate(conjugate(orientation), found.target.position)
