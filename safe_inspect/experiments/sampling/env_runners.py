@@ -7,8 +7,10 @@ them when a sample is requested. `build_config` selects them for the trainings t
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import fmean
@@ -195,6 +197,18 @@ class TeamSpaces(VectorEnv[Any, Any, Any]):
         self.single_action_space = self.action_space = action if several else action[only]
 
 
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Pause the collection of garbage: thousands of objects that all stay are made, and each would be visited again."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 class _Batched:
     """Common part of both runners; the next class in the method resolution order is RLlib's own runner."""
 
@@ -244,7 +258,8 @@ class _Batched:
             f"{self._seed_of_slots:x}-{self._slot + piece.env}-{piece.episode if piece.over else episodes[piece.env]}"
             for piece in rollout.pieces
         ]
-        return self._episodes(rollout, names)
+        with _without_collection():
+            return self._episodes(rollout, names)
 
     def _roll(
         self,

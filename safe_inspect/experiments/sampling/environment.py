@@ -164,7 +164,7 @@ class _StockEnvironment:
         return flat_space(choices) if choices else action_space(group.action_layout)
 
     def _report(self, rows: IntArray, transition: TeamTransition) -> None:
-        reports = episode_reports(self.team, self._sums, rows, transition)
+        reports = episode_reports(self.team, self._sums, rows, transition) if len(rows) else []
         self.reports = dict(zip(rows.tolist(), reports, strict=True))
 
 

@@ -363,7 +363,7 @@ def multi_agent_episodes(
         episode.is_truncated = piece.over and any(span.truncated for span in piece.spans)
         episode.is_terminated = piece.over and not episode.is_truncated
         for agent, part in agents.items():
-            episode.env_t_to_agent_t[agent].extend(range(piece.begun, piece.begun + len(part) + 1))
+            episode.env_t_to_agent_t[agent].data = list(range(piece.begun, piece.begun + len(part) + 1))
         episodes.append(episode)
     return episodes
 
