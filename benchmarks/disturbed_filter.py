@@ -4,7 +4,7 @@
 
 For multiples of the bounds it prints the share of the task's starts that the undisturbed filter accepts and this one
 too, and counts over flights from states that graze the limits, under adversarial thrusts and disturbances on the
-surface of the bounds that push to the limits; see `safe_inspect.rta.audit.audit`.
+surface of the bounds that push to the limits; see `safe_inspect.rta.audit`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.evaluation.safety_report import acceptance
-from safe_inspect.rta.audit.audit import audit
+from safe_inspect.rta.audit import audit
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
 

@@ -12,7 +12,7 @@ from safe_inspect.environments.core import BatchedEnvironment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.episodes import Progress
 from safe_inspect.random.streams import Streams
-from safe_inspect.rta.audit.adversaries import ADVERSARIES, adversarial_thrust
+from safe_inspect.rta.adversaries import ADVERSARIES, adversarial_thrust
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.rejection_sampler import RejectionSampler
 from safe_inspect.simulators.resets.parameters import Draw, Value

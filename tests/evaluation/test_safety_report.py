@@ -10,7 +10,7 @@ from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import save
 from safe_inspect.figures.safety_figures import safety_figure
-from safe_inspect.rta.audit.adversaries import ADVERSARIES
+from safe_inspect.rta.adversaries import ADVERSARIES
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"
 METHOD = "agent_config.blue0_ctrl.config.config.glues.0.config.method"

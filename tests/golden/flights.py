@@ -12,7 +12,7 @@ import numpy as np
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
-from safe_inspect.rta.audit.adversaries import adversarial_thrust
+from safe_inspect.rta.adversaries import adversarial_thrust
 from safe_inspect.simulators.view import View
 
 STEPS, NUM_ENVS, SEED = 500, 6, 20261122

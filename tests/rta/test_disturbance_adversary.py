@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
-from safe_inspect.rta.audit.adversaries import PUSHES, DisturbanceAdversary
+from safe_inspect.rta.adversaries import PUSHES, DisturbanceAdversary
 from safe_inspect.rta.constraints.base import RelativeState
 
 ROWS = 400

@@ -7,7 +7,7 @@ import pytest
 from admissible import admissible
 
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.audit.audit import Audit, fly_filtered
+from safe_inspect.rta.audit import Audit, fly_filtered
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.rta.constraints.rows import Margins

@@ -9,7 +9,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.errors import ConfigError
-from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states
+from safe_inspect.rta.audit import Audit, fly_filtered, grazing_states
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, DeputyCollision, DeputyPassiveSafety, constraint_set
 from safe_inspect.rta.constraints.ranges import ChiefCollision, MaximumRange, PassivelySafeManoeuvre

@@ -17,8 +17,8 @@ import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.random.streams import Streams
-from safe_inspect.rta.audit.adversaries import PUSHES, DisturbanceAdversary, adversarial_thrust, normalised_rows
-from safe_inspect.rta.audit.audit import Audit, fly_filtered, grazing_states, settings
+from safe_inspect.rta.adversaries import PUSHES, DisturbanceAdversary, adversarial_thrust, normalised_rows
+from safe_inspect.rta.audit import Audit, fly_filtered, grazing_states, settings
 from safe_inspect.rta.backup.model import leading_holds
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState, constraint_set

@@ -17,7 +17,7 @@ import pytest
 
 from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import propagate, transition
-from safe_inspect.rta.audit.audit import grazing_states, settings
+from safe_inspect.rta.audit import grazing_states, settings
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import RelativeState
 from safe_inspect.rta.continuous import ContinuousFilter

@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.cli.main import main
 from safe_inspect.config.data import configs_root
-from safe_inspect.rta.audit.audit import Audit, audit, grazing_states, settings
+from safe_inspect.rta.audit import Audit, audit, grazing_states, settings
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import NAMES, RelativeState
 from safe_inspect.simulators.view import FilterResult

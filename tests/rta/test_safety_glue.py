@@ -18,7 +18,7 @@ from safe_inspect.environments.episodes import state_info, transition_info
 from safe_inspect.errors import ConfigError, PluginValueError, UnsafeInitialStateWarning
 from safe_inspect.plugins.registry import registry
 from safe_inspect.random.streams import Streams
-from safe_inspect.rta.audit.adversaries import adversarial_thrust
+from safe_inspect.rta.adversaries import adversarial_thrust
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import Constraint, RelativeState
 from safe_inspect.rta.constraints.base import ConstraintValues

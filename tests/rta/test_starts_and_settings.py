@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from safe_inspect.rta import RTACWHInspectionTeam, RTAGlueCWHInspection1v1
-from safe_inspect.rta.audit.audit import settings
+from safe_inspect.rta.audit import settings
 from safe_inspect.rta.constraints import NAMES
 from safe_inspect.rta.team.safety_filter import TeamFilter, TeamState
 

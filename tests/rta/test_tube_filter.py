@@ -14,7 +14,7 @@ from safe_inspect.dynamics.base import DisturbanceBounds
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.rta.audit.audit import audit, grazing_states
+from safe_inspect.rta.audit import audit, grazing_states
 from safe_inspect.rta.backup.deviations import PlanTracker, leaves_nothing
 from safe_inspect.rta.backup.model import CLOSED, HOLD, NO_TUBE, PLAN
 from safe_inspect.rta.backup.safety_filter import BackupFilter

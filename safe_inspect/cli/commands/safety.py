@@ -15,7 +15,7 @@ from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
 from safe_inspect.figures.safety_figures import safety_figure
 from safe_inspect.outputs import check_ending
-from safe_inspect.rta.audit.audit import Audit, audit
+from safe_inspect.rta.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import expm
 
-from safe_inspect.rta.audit.adversaries import DisturbanceAdversary, normalised_rows
+from safe_inspect.rta.adversaries import DisturbanceAdversary, normalised_rows
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints.base import RelativeState
 from safe_inspect.rta.constraints.sets import NAMES

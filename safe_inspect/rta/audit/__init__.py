@@ -1,1 +1,0 @@
-"""Audit of the safety filters: grazing states, adversarial thrusts and disturbances."""
