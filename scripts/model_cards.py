@@ -18,7 +18,7 @@ import yaml
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import CheckpointError, OutputError
 from safe_inspect.evaluation.shipped import CARD, CHECKPOINT, CONFIGURATION, RECORD, ShippedPolicy, shipped_policy
-from safe_inspect.experiments.export.export import Exported, export_policy, portable, training_record
+from safe_inspect.experiments.export import Exported, export_policy, portable, training_record
 from safe_inspect.experiments.modules.checkpoints import (
     MODULES,
     WEIGHTS,

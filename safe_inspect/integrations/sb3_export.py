@@ -17,8 +17,8 @@ from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.export.export import Exported
-from safe_inspect.experiments.export.perceptron import export_perceptron
+from safe_inspect.experiments.export import Exported
+from safe_inspect.experiments.perceptron import export_perceptron
 from safe_inspect.types import AnyArray
 
 

@@ -206,7 +206,7 @@ def test_what_an_export_writes_and_says(
     asked: str | None,
     output: str,
 ) -> None:
-    from safe_inspect.experiments.export import export as work
+    from safe_inspect.experiments import export as work
 
     given: list[Any] = []
 

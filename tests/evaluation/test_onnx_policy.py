@@ -29,7 +29,7 @@ onnx = pytest.importorskip("onnx")
 
 def export(folder, experiment):
     """Return a checkpoint of a single agent and its file."""
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     checkpoint = single_run(folder / "run", experiment)
     return checkpoint, export_policy(checkpoint, folder / "p.onnx").path
@@ -89,7 +89,7 @@ def test_a_row_does_not_depend_on_its_neighbours(exported):
 
 
 def test_a_team_is_flown_by_its_files(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
     from safe_inspect.experiments.modules.policy import trained_policy
 
     experiment = experiment_of(path=TEAM, overrides=("horizon=30",))

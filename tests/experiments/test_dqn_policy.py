@@ -75,7 +75,7 @@ def test_the_best_combination_is_flown_and_exported(run, module, tmp_path):
     np.testing.assert_array_equal(policy.predict(observations), wanted)
     np.testing.assert_array_equal(policy.predict(observations, np.random.default_rng(0)), wanted)  # it draws nothing
     pytest.importorskip("onnx")
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     assert export_policy(find_newest(run)[0].path, tmp_path / "dqn.onnx").difference.passes
     np.testing.assert_array_equal(safe_inspect.load_policy(tmp_path / "dqn.onnx").predict(observations), wanted)
@@ -101,7 +101,7 @@ def test_recurrent_policies_are_exported_and_distributions_of_returns_are_not(tm
     spec, policies = open_source(run)
     assert rollout(spec, policies, 2, seed=1).delta_v.max() > 0.0
     pytest.importorskip("onnx")
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     assert export_policy(find_newest(run)[0].path, tmp_path / "a.onnx").info.state == {"state_h": 8, "state_c": 8}
     (tmp_path / "b").mkdir()

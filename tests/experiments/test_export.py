@@ -67,7 +67,7 @@ NETS = [
 
 @pytest.mark.parametrize("model", NETS)
 def test_the_file_gives_what_the_checkpoint_gives(tmp_path, model):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     experiment = experiment_of()
     checkpoint = single_run(tmp_path / "run", experiment, **model)
@@ -84,7 +84,7 @@ def test_the_file_gives_what_the_checkpoint_gives(tmp_path, model):
 
 
 def test_units_normalisers_and_limits_are_in_the_file(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     experiment = experiment_of(scaled)
     policy = load_onnx(export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx").path)
@@ -98,7 +98,7 @@ def test_units_normalisers_and_limits_are_in_the_file(tmp_path):
 
 
 def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     experiment = experiment_of(discrete)
     done = export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx")
@@ -115,7 +115,7 @@ def test_a_policy_that_chooses_among_levels_gives_them_in_newtons(tmp_path):
 
 
 def test_the_metadata_tell_what_the_file_is(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     experiment = experiment_of()
     done = export_policy(single_run(tmp_path / "run", experiment), tmp_path / "p.onnx")
@@ -146,7 +146,7 @@ def test_the_metadata_tell_what_the_file_is(tmp_path):
 
 
 def test_each_policy_of_a_team_has_its_own_file(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     experiment = experiment_of(path=TEAM)
     agents = experiment.spec.agents
@@ -166,7 +166,7 @@ class TestRefusals:
     """One clear message each, and no file."""
 
     def test_a_foreign_normaliser_is_named_with_its_glue(self, tmp_path, classes):
-        from safe_inspect.experiments.export.export import export_policy
+        from safe_inspect.experiments.export import export_policy
 
         class CubicNormalizer(Normalizer):
             """x^3."""
@@ -194,7 +194,7 @@ class TestRefusals:
         ],
     )
     def test_an_experiment_of_another_task(self, run, tmp_path, change, message):
-        from safe_inspect.experiments.export.export import export_policy
+        from safe_inspect.experiments.export import export_policy
 
         with pytest.raises(CheckpointError, match=message):
             export_policy(run[1], tmp_path / "p.onnx", experiment=experiment_of(change))
@@ -203,7 +203,7 @@ class TestRefusals:
     def test_a_checkpoint_outside_a_run_wants_an_experiment(self, run, tmp_path):
         import shutil
 
-        from safe_inspect.experiments.export.export import export_policy
+        from safe_inspect.experiments.export import export_policy
 
         alone = tmp_path / "checkpoint_000003"
         shutil.copytree(run[1], alone)
@@ -212,7 +212,7 @@ class TestRefusals:
         assert export_policy(alone, tmp_path / "p.onnx", experiment=run[0]).info.training["steps"] == 28_000
 
     def test_a_file_that_differs_from_the_checkpoint_is_not_left(self, run, tmp_path, monkeypatch):
-        from safe_inspect.experiments.export import export
+        from safe_inspect.experiments import export
 
         def spoilt(net, info, title):
             import torch
@@ -229,7 +229,7 @@ class TestRefusals:
         assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("p.onnx", "old")]
 
     def test_a_place_that_cannot_be_written(self, run, tmp_path):
-        from safe_inspect.experiments.export.export import export_policy
+        from safe_inspect.experiments.export import export_policy
 
         (tmp_path / "file").write_text("")
         with pytest.raises(OutputError, match=r"file/p.onnx: the file cannot be written \(Not a directory\)"):
@@ -241,7 +241,7 @@ class TestRefusals:
     def test_a_missing_package_is_named_with_its_extra(self, run, tmp_path, monkeypatch):
         import sys
 
-        from safe_inspect.experiments.export.export import export_policy
+        from safe_inspect.experiments.export import export_policy
 
         monkeypatch.setitem(sys.modules, "onnx", None)
         with pytest.raises(SafeInspectError, match=r"pip install 'safe_inspect\[onnx\]'"):

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.ray
      (0.0, math.nan, False)],
 )  # fmt: skip
 def test_a_file_passes_whose_outputs_are_the_checkpoints(action: float, inputs: float, passes: bool) -> None:
-    from safe_inspect.experiments.export.export import ExportDifference
+    from safe_inspect.experiments.export import ExportDifference
 
     assert ExportDifference(9, action, inputs).passes is passes
 
@@ -44,7 +44,7 @@ def _policy(change: Any) -> tuple[Any, Any]:
 
 
 def test_readings_are_all_over_what_the_net_sees() -> None:
-    from safe_inspect.experiments.export.export import random_readings
+    from safe_inspect.experiments.export import random_readings
 
     policy, agent = _policy(scaled)
     readings = random_readings(agent, policy.info, 20, 100, seed=4)
@@ -70,7 +70,7 @@ def test_readings_are_all_over_what_the_net_sees() -> None:
 
 
 def test_the_mean_of_numbers_is_commanded_within_their_limits() -> None:
-    from safe_inspect.experiments.export.export import _commanded
+    from safe_inspect.experiments.export import _commanded
 
     policy, agent = _policy(scaled)
     means = np.array([[0.5, -0.25, 0.125], [9.0, 9.0, 9.0], [-9.0, -9.0, -9.0]])
@@ -84,7 +84,7 @@ def test_the_mean_of_numbers_is_commanded_within_their_limits() -> None:
 
 
 def test_the_largest_logit_of_the_file_chooses_a_level() -> None:
-    from safe_inspect.experiments.export.export import _commanded
+    from safe_inspect.experiments.export import _commanded
 
     policy, _ = _policy(discrete)
     one = [0.0, 0.0, 3.0, 1.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0]
@@ -96,7 +96,7 @@ def test_the_largest_logit_of_the_file_chooses_a_level() -> None:
 
 
 def test_a_hurdle_policy_coasts_where_its_logit_is_not_above_zero() -> None:
-    from safe_inspect.experiments.export.export import _commanded
+    from safe_inspect.experiments.export import _commanded
 
     policy, _ = _policy(None)
     policy = OnnxPolicy("a.onnx", dataclasses.replace(policy.info, distribution="hurdle"), None)

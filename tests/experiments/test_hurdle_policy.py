@@ -109,7 +109,7 @@ def test_checkpoint_and_file_fly_alike(tmp_path, path, model):
     pytest.importorskip("onnx")
     from safe_inspect.evaluation.onnx_policy import load_onnx
     from safe_inspect.evaluation.rollouts import rollout
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
     from safe_inspect.experiments.modules.policy import trained_policy
     from safe_inspect.experiments.modules.sources import load_policy
 

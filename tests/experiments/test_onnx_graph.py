@@ -32,7 +32,7 @@ class Inputs(torch.nn.Module):
 
 
 def computed(net: torch.nn.Module, info: Any, readings: AnyArray) -> list[AnyArray]:
-    from safe_inspect.experiments.export.onnx_graph import build_file
+    from safe_inspect.experiments.onnx_graph import build_file
 
     session = runtime.InferenceSession(build_file(net, info, "here"), providers=["CPUExecutionProvider"])
     found: list[AnyArray] = session.run(None, {"observation": readings.astype(np.float32)})
@@ -95,7 +95,7 @@ def test_the_best_of_the_other_choices_counts_for_each_choice() -> None:
 def test_the_outputs_of_a_policy_have_their_deviations_within_the_limit(clip: bool, free: bool) -> None:
     from ray.rllib.core.columns import Columns
 
-    from safe_inspect.experiments.export.onnx_graph import RllibNet
+    from safe_inspect.experiments.onnx_graph import RllibNet
 
     model = {"free_log_std": free, "log_std_clip_param": 0.01 if clip else 20.0}
     module = make_module(experiment_of().spec.agents[0], **model)
@@ -110,7 +110,7 @@ def test_the_outputs_of_a_policy_have_their_deviations_within_the_limit(clip: bo
 
 
 def test_the_file_is_the_same_each_time_and_names_no_place_of_this_machine() -> None:
-    from safe_inspect.experiments.export.onnx_graph import build_file
+    from safe_inspect.experiments.onnx_graph import build_file
 
     net, info = torch.nn.Linear(11, 6), info_of()
     content = build_file(net, info, "here")

@@ -26,7 +26,7 @@ NETS = {
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """Return the folder of a run and its ONNX file, by the names of `NETS`."""
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     made = {}
     for name, (change, model) in NETS.items():
@@ -125,7 +125,7 @@ def test_the_file_says_what_it_keeps(exported):
 
 
 def test_a_policy_without_a_state_has_a_file_as_before(tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     model = onnx.load(export_policy(single_run(tmp_path / "run", experiment_of()), tmp_path / "p.onnx").path)
     told = {item.key: item.value for item in model.metadata_props}
@@ -136,8 +136,8 @@ def test_a_policy_without_a_state_has_a_file_as_before(tmp_path):
 
 def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
     """The comparison sees a cell whose memory alone is wrong: the first step of an episode does not show it."""
-    from safe_inspect.experiments.export import export
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments import export
+    from safe_inspect.experiments.export import export_policy
 
     def spoilt(net, info, title):
         import torch
@@ -157,7 +157,7 @@ def test_a_file_whose_state_is_another_is_not_left(tmp_path, monkeypatch):
 def test_a_state_that_no_file_holds():
     import torch
 
-    from safe_inspect.experiments.export.onnx_graph import RllibNet
+    from safe_inspect.experiments.onnx_graph import RllibNet
 
     module = make_module(experiment_of().spec.agents[0], use_lstm=True, lstm_cell_size=8)
     assert RllibNet(module, "here").state == {"state_h": 8, "state_c": 8}

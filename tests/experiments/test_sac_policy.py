@@ -61,7 +61,7 @@ def test_its_draws_are_a_function_of_the_seed(run):
 
 def test_the_exported_file_gives_its_mean(run, tmp_path):
     pytest.importorskip("onnx")
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     done = export_policy(find_newest(run)[0].path, tmp_path / "sac.onnx")
     assert done.difference.passes

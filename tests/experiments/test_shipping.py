@@ -73,7 +73,7 @@ def test_its_file_and_its_checkpoint_fly_alike(run, shelf):
 
 
 def test_its_checkpoint_can_be_exported_again(shelf, tmp_path):
-    from safe_inspect.experiments.export.export import export_policy
+    from safe_inspect.experiments.export import export_policy
 
     found = shipped_policy("one-deputy", shelf)
     again = export_policy(found.checkpoint, tmp_path / "again.onnx")

@@ -16,7 +16,7 @@ pytest.importorskip("onnx")
 import torch  # noqa: E402
 
 from safe_inspect.evaluation.onnx_policy import load_onnx  # noqa: E402
-from safe_inspect.experiments.export.perceptron import export_perceptron  # noqa: E402
+from safe_inspect.experiments.perceptron import export_perceptron  # noqa: E402
 from safe_inspect.integrations.sb3_export import export_onnx  # noqa: E402
 from safe_inspect.integrations.stable_baselines3 import BatchedVecEnv  # noqa: E402
 

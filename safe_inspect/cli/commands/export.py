@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         files = ", ".join(sorted({str(path) for path in shipped_policy(str(arguments.checkpoint)).onnx.values()}))
         raise CheckpointError(f"{arguments.checkpoint} is already shipped as ONNX; copy {files}")
     checkpoint = newest_checkpoint(arguments.checkpoint)
-    from safe_inspect.experiments.export.export import export_policy  # loads Ray and Torch
+    from safe_inspect.experiments.export import export_policy  # loads Ray and Torch
 
     names = policy_names(checkpoint)
     policy = arguments.policy

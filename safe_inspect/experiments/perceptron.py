@@ -13,9 +13,9 @@ import torch
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.errors import CheckpointError
-from safe_inspect.experiments.export.export import Exported, portable, write_policy
-from safe_inspect.experiments.export.onnx_graph import NO_SPREAD, Spread, require_onnx
+from safe_inspect.experiments.export import Exported, portable, write_policy
 from safe_inspect.experiments.modules.saved_policy import BestChoices
+from safe_inspect.experiments.onnx_graph import NO_SPREAD, Spread, require_onnx
 from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 
 

@@ -28,7 +28,6 @@ from safe_inspect.evaluation.onnx_policy import OnnxPolicy, load_onnx
 from safe_inspect.evaluation.policies import with_scripted
 from safe_inspect.evaluation.policy_file import PolicyInfo, check_layout, seal
 from safe_inspect.evaluation.rollouts import rollout
-from safe_inspect.experiments.export.onnx_graph import RllibNet, build_file, require_onnx
 from safe_inspect.experiments.modules.checkpoints import (
     Checkpoint,
     configuration_of,
@@ -39,6 +38,7 @@ from safe_inspect.experiments.modules.checkpoints import (
 from safe_inspect.experiments.modules.policy import TrainedPolicy, trained_policy
 from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.modules.saved_policy import SacPolicy
+from safe_inspect.experiments.onnx_graph import RllibNet, build_file, require_onnx
 from safe_inspect.experiments.settings.policies import SINGLE, policy_info
 from safe_inspect.outputs import new_file
 from safe_inspect.random.action_draws import draw_in_rollout

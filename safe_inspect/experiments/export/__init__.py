@@ -1,1 +1,0 @@
-"""Export of policies as ONNX files, and as part of the package."""
