@@ -30,7 +30,7 @@ from safe_inspect.evaluation.results.results import Block  # noqa: E402
 from safe_inspect.metrics.statistics import wilson  # noqa: E402
 from safe_inspect.missions.mission import Mission  # noqa: E402
 from safe_inspect.rendezvous.experiment import load_rendezvous  # noqa: E402
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS  # noqa: E402
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS  # noqa: E402
 
 _MATING_POINT = np.array([0.0, 0.45, 0.0])
 _SETTINGS = (

@@ -10,6 +10,8 @@ from safe_inspect.geometry.distance import is_farther, is_nearer
 from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms import OwnArray, RowTerm, range_inputs
+from safe_inspect.tasks.docking.mating import docking_inputs, is_docked, is_in_contact
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     DockingRegion,
@@ -19,8 +21,6 @@ from safe_inspect.tasks.docking.speed_limit import (
     is_too_fast,
     own_motion,
 )
-from safe_inspect.tasks.rendezvous.mating import docking_inputs, is_docked, is_in_contact
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 from safe_inspect.units import PositiveLength, PositiveSpeed
 

@@ -22,7 +22,7 @@ from safe_inspect.rendezvous.planner.problem import Path, to_inertial
 from safe_inspect.rendezvous.plugins import ModelFrontEnd, PipelineEstimator
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.simulators.resets.parameters import Draw
-from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
+from safe_inspect.tasks.docking.tumble_parameter import tumble_states
 from safe_inspect.types import FloatArray
 
 #: Largest rotation of the target from frame to frame that estimation was tested with [rad]; tests flew 8 deg/s at 1 Hz.

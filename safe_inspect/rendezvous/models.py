@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from safe_inspect.config.models import Model
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS
 from safe_inspect.units import (
     Length,
     NonNegativeAngularRate,

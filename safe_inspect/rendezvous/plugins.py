@@ -20,5 +20,5 @@ from safe_inspect.rendezvous.target.boxes import BoxTarget as BoxTarget
 from safe_inspect.rendezvous.target.boxes import EnvisatTarget as EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget as MeshTarget
 from safe_inspect.rendezvous.target.model import TargetModel as TargetModel
-from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble as RandomTumble
-from safe_inspect.tasks.rendezvous.tumble_parameter import TriAxialTumble as TriAxialTumble
+from safe_inspect.tasks.docking.tumble_parameter import RandomTumble as RandomTumble
+from safe_inspect.tasks.docking.tumble_parameter import TriAxialTumble as TriAxialTumble

@@ -13,6 +13,8 @@ from safe_inspect.plugins.plugin import SensorName
 from safe_inspect.rewards.base import Reward, paid_if
 from safe_inspect.simulators import Group, World
 from safe_inspect.simulators.row_terms import EnvironmentArray, OwnArray, RowTerm, range_inputs
+from safe_inspect.tasks.docking.mating import docking_error, docking_inputs, is_docked, is_in_contact
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     TOO_FAST,
@@ -23,8 +25,6 @@ from safe_inspect.tasks.docking.speed_limit import (
     own_motion,
     speed_excess,
 )
-from safe_inspect.tasks.rendezvous.mating import docking_error, docking_inputs, is_docked, is_in_contact
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 from safe_inspect.units import NonNegativeDuration, PositiveDuration, PositiveLength, PositiveSpeed
 

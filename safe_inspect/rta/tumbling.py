@@ -21,7 +21,7 @@ from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.state import ArraySpec, State
 from safe_inspect.simulators.view import SAFETY_FILTER, FilterResult, View
 from safe_inspect.simulators.world import World
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS
 from safe_inspect.types import BoolArray, FloatArray
 from safe_inspect.units import PositiveDuration, PositiveForce, PositiveLength, PositiveMass
 

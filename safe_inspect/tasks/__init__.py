@@ -2,5 +2,5 @@
 
 from safe_inspect.tasks.disturbances import component, kalman_filter, solar_pressure, thruster_model  # noqa: F401
 from safe_inspect.tasks.docking import simulator as docking_simulator  # noqa: F401
+from safe_inspect.tasks.docking import target, tumble_parameter  # noqa: F401
 from safe_inspect.tasks.inspection import simulator as inspection_simulator  # noqa: F401
-from safe_inspect.tasks.rendezvous import target, tumble_parameter  # noqa: F401

@@ -33,8 +33,8 @@ from safe_inspect.simulators.team import TeamStep, TeamView
 from safe_inspect.simulators.view import Step, View
 from safe_inspect.task_ids import TASKS
 from safe_inspect.tasks.docking.simulator import SpeedLimitMonitor
+from safe_inspect.tasks.docking.target import TumblingTarget
 from safe_inspect.tasks.inspection.sun import Sun
-from safe_inspect.tasks.rendezvous.target import TumblingTarget
 from safe_inspect.testing.flights import HORIZON, LENGTH, Flown, fly, take_rows
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import PositiveAngularRate

@@ -23,7 +23,7 @@ from safe_inspect.rendezvous.target.mesh import MeshTarget, _read_mesh
 from safe_inspect.rendezvous.target.model import TriangleMesh
 from safe_inspect.rendezvous.target.solid import MeshSolid
 from safe_inspect.rendezvous.target.surface import MeshSurface
-from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, boxes_in_model
+from safe_inspect.tasks.docking.shape import ENVISAT_BOXES, boxes_in_model
 
 
 def test_envisat_has_the_published_principal_moments_and_tilt() -> None:

@@ -17,12 +17,12 @@ from safe_inspect.simulators.simulator import ComposedSimulator, Simulation
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, View
 from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.docking.tumble_parameter import TumbleParameter
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints
 from safe_inspect.tasks.inspection.rotation import ChiefRotation
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator
 from safe_inspect.tasks.inspection.sun import IlluminationParams, Sun
-from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter
 
 AXES = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
 SWAP = "but .* is above .*; swap them"

@@ -14,6 +14,7 @@ from safe_inspect.geometry.visibility import Credit, Scores, Surface
 from safe_inspect.random.splitmix import draw_in_ball, uniform_at
 from safe_inspect.tasks.disturbances.component import add_velocity, turn_thrust, write_estimates
 from safe_inspect.tasks.disturbances.thruster_model import Actuators
+from safe_inspect.tasks.docking.mating import docking_error, is_docked, is_in_contact
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
     OUTSIDE,
@@ -25,7 +26,6 @@ from safe_inspect.tasks.docking.speed_limit import (
     speed_limit,
 )
 from safe_inspect.tasks.inspection.points import ConeCamera, in_cone, inspect_by_camera
-from safe_inspect.tasks.rendezvous.mating import docking_error, is_docked, is_in_contact
 
 ROWS, DEPUTIES = 5, 3
 KEYS, STEPS = np.random.default_rng(0).integers(0, 2**63, ROWS).astype(np.uint64), np.arange(3, 3 + ROWS)

@@ -19,9 +19,9 @@ from safe_inspect.geometry.oriented_boxes import BoxArrays, OrientedBoxes, box_d
 from safe_inspect.random.streams import Streams
 from safe_inspect.simulators import Draw
 from safe_inspect.simulators.resets.parameters import ConstantParameter, UniformParameter
-from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_principal_axes
-from safe_inspect.tasks.rendezvous.target import TumblingTarget
-from safe_inspect.tasks.rendezvous.tumble_parameter import TumbleParameter, tumble_states
+from safe_inspect.tasks.docking.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_principal_axes
+from safe_inspect.tasks.docking.target import TumblingTarget
+from safe_inspect.tasks.docking.tumble_parameter import TumbleParameter, tumble_states
 
 TASK = "safe_inspect/TumblingRendezvous-v0"
 COAST = 3  # index of the level 0 N

@@ -11,7 +11,7 @@ import numpy as np
 from safe_inspect.dynamics.tide import largest_tide
 from safe_inspect.rendezvous.planner.paths import ApproachPath
 from safe_inspect.rendezvous.target.model import Solid
-from safe_inspect.tasks.rendezvous.shape import ASTROBEE_RADIUS
+from safe_inspect.tasks.docking.shape import ASTROBEE_RADIUS
 from safe_inspect.types import FloatArray
 
 #: Amount by which the clearance may be below the margin between samples, as a fraction of the scenario's length.

@@ -9,7 +9,7 @@ from safe_inspect.dynamics.quaternion import exp, to_matrix
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.random.streams import Streams
 from safe_inspect.rendezvous.target.model import InertiaMatrix, Point, Target, TargetModel, TriangleMesh
-from safe_inspect.tasks.rendezvous.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_model
+from safe_inspect.tasks.docking.shape import ENVISAT_BOXES, ENVISAT_INERTIA, boxes_in_model
 from safe_inspect.types import FloatArray
 from safe_inspect.units import Angle, PositiveLength
 

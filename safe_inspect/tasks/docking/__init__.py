@@ -1,1 +1,1 @@
-"""Docking with a chief at rest in Hill's frame: a region to reach, and a speed limit that decreases with the range."""
+"""Docking with a chief at rest, whose speed limit decreases with the range, and with a tumbling target of boxes."""

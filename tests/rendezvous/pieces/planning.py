@@ -25,7 +25,7 @@ from safe_inspect.rendezvous.target.boxes import Box, BoxTarget, EnvisatTarget
 from safe_inspect.rendezvous.target.mesh import MeshTarget
 from safe_inspect.rendezvous.target.model import Target
 from safe_inspect.simulators.resets.parameters import Draw, Parameter
-from safe_inspect.tasks.rendezvous.tumble_parameter import RandomTumble, TriAxialTumble, tumble_states
+from safe_inspect.tasks.docking.tumble_parameter import RandomTumble, TriAxialTumble, tumble_states
 
 from .control import STREAMS, Pieces, query
 

@@ -16,7 +16,7 @@ from safe_inspect.dynamics.rotation_row import rotated, rotated_back
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.oriented_boxes import BoxArrays, box_distance
 from safe_inspect.simulators import OfView, OwnOfView, PassiveComponent, RunningComponent, State, View, World
-from safe_inspect.tasks.rendezvous.shape import (
+from safe_inspect.tasks.docking.shape import (
     ENVISAT_BOXES,
     ENVISAT_INERTIA,
     Matrix3,
@@ -24,7 +24,7 @@ from safe_inspect.tasks.rendezvous.shape import (
     boxes_in_model,
     boxes_in_principal_axes,
 )
-from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
+from safe_inspect.tasks.docking.tumble_parameter import tumble_states
 from safe_inspect.types import AnyArray, ArraySpec, BoolArray, FloatArray
 from safe_inspect.units import Length
 

@@ -1,1 +1,0 @@
-"""Rendezvous with a tumbling target: the target's motion and shape, and the conditions of docking."""
