@@ -16,7 +16,7 @@ from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation.episodes import Progress
 from safe_inspect.evaluation.optimiser import EFFORTS, coverage_task, optimise
 from safe_inspect.evaluation.task import differing_keys, task_of
-from safe_inspect.planning.record import Entry, Record, read_record, write_record
+from safe_inspect.policies.plan_record import Entry, Record, read_record, write_record
 from safe_inspect.types import FloatArray
 from safe_inspect.version import __version__
 

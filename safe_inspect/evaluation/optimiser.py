@@ -17,12 +17,12 @@ from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.rollouts import fly_slots
 from safe_inspect.geometry.visibility import sight_range
-from safe_inspect.planning.burn_problem import BurnProblem, burn_steps
-from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
-from safe_inspect.planning.plan_refinement import refine_plan
-from safe_inspect.planning.record import Entry, flight_plan
+from safe_inspect.policies.burn_problem import BurnProblem, burn_steps
+from safe_inspect.policies.burn_search import AnnealingEffort, revise_plan
 from safe_inspect.policies.inspector import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
+from safe_inspect.policies.plan_record import Entry, flight_plan
+from safe_inspect.policies.plan_refinement import refine_plan
 from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators.view import View
 from safe_inspect.tasks.inspection.simulator import InspectionSimulator

@@ -16,8 +16,8 @@ from safe_inspect.evaluation.recorder import Recorder, Trajectory
 from safe_inspect.evaluation.results.collector import EpisodeCollector
 from safe_inspect.evaluation.results.measuring import check_metrics
 from safe_inspect.metrics.base import BaseMetric
-from safe_inspect.planning.record import Entry, flight_plan
 from safe_inspect.policies.base import ScriptedPolicy
+from safe_inspect.policies.plan_record import Entry, flight_plan
 
 
 def rollout(

@@ -14,12 +14,12 @@ from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.geometry.distance import lengths
 from safe_inspect.geometry.visibility import sight_range
-from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
-from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits, coast_others
-from safe_inspect.planning.burn_search import AnnealingEffort, revise_plan
 from safe_inspect.plugins.functor import functor_field
 from safe_inspect.plugins.plugin import EntityName, Plugin, PointsName
 from safe_inspect.policies.base import SCRIPTED_POLICY, ScriptedPolicy, ThrustLimits, dot_rows, shortened
+from safe_inspect.policies.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan, take_turns
+from safe_inspect.policies.burn_problem import BurnProblem, FlightLimits, coast_others
+from safe_inspect.policies.burn_search import AnnealingEffort, revise_plan
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.resets.initializers import require_length
 from safe_inspect.simulators.state import ArraySpec

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 
 from safe_inspect.compiling import njit
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.planning.record import FlightPlan, read_record
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
+from safe_inspect.policies.plan_record import FlightPlan, read_record
 from safe_inspect.random.streams import philox4x32
 from safe_inspect.simulators.arrays import for_kernel
 from safe_inspect.simulators.view import View

@@ -20,7 +20,7 @@ CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 _LONG_SEARCH = """
 import sys
 from safe_inspect.cli.main import main
-from safe_inspect.planning import burn_search as search
+from safe_inspect.policies import burn_search as search
 revise = search.revise_plan
 def announced(problem, state, start, delta_v, seed, effort):
     short = effort._replace(restarts=1, iterations=1)

@@ -29,7 +29,7 @@ _REPLACE = {
 }
 
 
-#: Its block needs minutes; tests/planning/test_baselines.py flies a plan.
+#: Its block needs minutes; tests/policies/test_baselines.py flies a plan.
 _ELSEWHERE = ("docs/baselines.md",)
 
 

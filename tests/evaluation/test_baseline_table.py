@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 
 from safe_inspect.evaluation.baselines import baseline_table
 from safe_inspect.evaluation.results.leaderboard import FlownRow, Standing
-from safe_inspect.planning.record import Entry, Record
+from safe_inspect.policies.plan_record import Entry, Record
 
 #: Won, delta-v, steps, points, burns; what the search planned, what the inspector spends, whether the plan is own.
 ROWS = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safe_inspect.planning.record import Burn, flight_plan
+from safe_inspect.policies.plan_record import Burn, flight_plan
 
 
 def test_the_plan_of_a_flight_has_its_steps_with_thrust() -> None:

@@ -45,7 +45,7 @@ def test_every_package_is_installed(setup: configparser.ConfigParser) -> None:
     listed = setup["options"]["packages"].split()
     assert set(listed) == set(packages())
     assert len(listed) == len(set(listed))
-    assert {"safe_inspect.figures", "safe_inspect.metrics", "safe_inspect.planning"} <= set(listed)
+    assert {"safe_inspect.figures", "safe_inspect.metrics", "safe_inspect.policies"} <= set(listed)
 
 
 def test_every_data_file_is_installed(setup: configparser.ConfigParser) -> None:

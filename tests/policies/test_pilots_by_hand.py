@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from safe_inspect.environments import TeamEnvironment, load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.planning.record import Burn
 from safe_inspect.policies import DockingAutopilot, SixDofInspector, ZeroThrust
 from safe_inspect.policies.base import ScriptedPolicy, ThrustLimits
 from safe_inspect.policies.docking import DockingController
 from safe_inspect.policies.open_loop import OpenLoopPlan
+from safe_inspect.policies.plan_record import Burn
 
 ROWS, N = 40, 0.001027
 WIDE = ThrustLimits(np.full(3, -1e9), np.full(3, 1e9))

@@ -14,8 +14,8 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.policies import with_scripted
-from safe_inspect.planning.burn_execution import take_turns
 from safe_inspect.policies import SCRIPTED_POLICY, NaturalMotionInspector, RandomThrust, ScriptedPolicy, ZeroThrust
+from safe_inspect.policies.burn_execution import take_turns
 from safe_inspect.policies.docking import DockingAutopilot, DockingController
 from safe_inspect.policies.inspector import SixDofInspector
 from safe_inspect.rta.inspection import RTAGlueCWHInspection1v1

@@ -9,7 +9,7 @@ import pytest
 from model_cards import CardData, model_card
 
 from safe_inspect.evaluation.baselines import baseline_table
-from safe_inspect.planning.record import read_record
+from safe_inspect.policies.plan_record import read_record
 
 from .figures import bootstrap_bounds, cells, iqm, wilson
 from .flown import EPISODES, EXPERIMENT, HORIZON, TASK, typed

@@ -16,7 +16,7 @@ from safe_inspect.config.report import validated
 from safe_inspect.errors import ConfigError, Problem, SafeInspectError
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.metrics.statistics import Interval, wilson
-from safe_inspect.planning.record import Record
+from safe_inspect.policies.plan_record import Record
 from safe_inspect.types import FloatArray
 
 #: Columns of the tables and the formats of their figures.

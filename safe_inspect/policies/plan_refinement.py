@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from safe_inspect.geometry.distance import lengths
-from safe_inspect.planning.burn_problem import BurnProblem
+from safe_inspect.policies.burn_problem import BurnProblem
 from safe_inspect.types import FloatArray, IntArray
 
 #: Margin by which a position must satisfy its limit [m], as the solver and the simulator's sums are not exact.

@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.compiling import njit
 from safe_inspect.dynamics.step_maps import StepMaps, advance_steps
-from safe_inspect.planning.burn_problem import burn_steps
+from safe_inspect.policies.burn_problem import burn_steps
 from safe_inspect.types import AnyArray, BoolArray, FloatArray, IntArray
 
 #: Number of rounds of turns within which conflicts are considered.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from safe_inspect.compiling import njit
-from safe_inspect.planning.burn_problem import BurnProblem, PlanOutcome, burn_steps, evaluate_plan
+from safe_inspect.policies.burn_problem import BurnProblem, PlanOutcome, burn_steps, evaluate_plan
 from safe_inspect.random.splitmix import SplitMixState, next_uniform
 from safe_inspect.types import FloatArray, IntArray
 

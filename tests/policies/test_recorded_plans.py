@@ -2,7 +2,7 @@
 
 A change that is meant to change plans has to update the record:
 
-    RECORD_PLANS=1 python -m pytest -n 0 tests/planning/test_recorded_plans.py
+    RECORD_PLANS=1 python -m pytest -n 0 tests/policies/test_recorded_plans.py
 """
 
 from __future__ import annotations

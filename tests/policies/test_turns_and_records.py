@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.errors import SafeInspectError
-from safe_inspect.planning.burn_execution import take_turns
-from safe_inspect.planning.record import Burn, Entry, Record, read_record, write_record
+from safe_inspect.policies.burn_execution import take_turns
+from safe_inspect.policies.plan_record import Burn, Entry, Record, read_record, write_record
 
 N, DT, CLEARANCE = 0.001027, 10.0, 25.0
 

@@ -2,7 +2,7 @@
 
 A change that is meant to change plans has to update the record:
 
-    RECORD_RESULTS=1 python -m pytest -n 0 tests/planning/test_burns.py
+    RECORD_RESULTS=1 python -m pytest -n 0 tests/policies/test_burns.py
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import pytest
 
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.planning.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan
-from safe_inspect.planning.burn_problem import (
+from safe_inspect.policies.burn_execution import DeputyRows, PlanRows, follow_plans, rows_to_plan
+from safe_inspect.policies.burn_problem import (
     BurnProblem,
     FlightLimits,
     PlanOutcome,
@@ -25,7 +25,7 @@ from safe_inspect.planning.burn_problem import (
     coast_others,
     evaluate_plan,
 )
-from safe_inspect.planning.burn_search import AnnealingEffort, accepted_cost, revise_plan, settle
+from safe_inspect.policies.burn_search import AnnealingEffort, accepted_cost, revise_plan, settle
 
 from ..golden.records import check_record
 

@@ -10,9 +10,9 @@ import pytest
 from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.environments.team import TeamEnvironment
 from safe_inspect.evaluation.optimiser import coverage_problem, coverage_task
-from safe_inspect.planning.plan_refinement import _path
-from safe_inspect.planning.record import flight_plan
 from safe_inspect.policies.open_loop import OpenLoopPlan
+from safe_inspect.policies.plan_record import flight_plan
+from safe_inspect.policies.plan_refinement import _path
 
 STEPS = 400
 SLOTS = 4

@@ -9,8 +9,8 @@ import pytest
 
 from safe_inspect.dynamics.step_maps import step_maps
 from safe_inspect.geometry.sphere import sphere_points
-from safe_inspect.planning.burn_problem import BurnProblem, FlightLimits
-from safe_inspect.planning.plan_refinement import refine_plan
+from safe_inspect.policies.burn_problem import BurnProblem, FlightLimits
+from safe_inspect.policies.plan_refinement import refine_plan
 from safe_inspect.types import FloatArray
 
 N, DT, STEPS, RADIUS = 0.001027, 10.0, 320, 10.0

@@ -11,9 +11,9 @@ from safe_inspect.environments import load_spec
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.optimiser import EFFORTS, optimise
-from safe_inspect.planning.record import Entry
 from safe_inspect.policies import NaturalMotionInspector
 from safe_inspect.policies.open_loop import OpenLoopPlan
+from safe_inspect.policies.plan_record import Entry
 
 EPISODES, SEED = 6, 0
 SINGLE = "safe_inspect/TranslationalInspectionSeed-v0"

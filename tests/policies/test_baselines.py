@@ -13,8 +13,8 @@ from safe_inspect.config.spec import EnvironmentSpec
 from safe_inspect.errors import OutputError, SafeInspectError
 from safe_inspect.evaluation import rollout
 from safe_inspect.evaluation.baselines import complete
-from safe_inspect.planning.record import Record, read_record
 from safe_inspect.policies.open_loop import OpenLoopPlan
+from safe_inspect.policies.plan_record import Record, read_record
 
 ABOUT = {"safe_inspect": "0", "configuration_file": "x", "overrides": []}
 
