@@ -17,7 +17,7 @@ from safe_inspect.evaluation.results.files import (
 )
 from safe_inspect.evaluation.rollouts import record_episode
 from safe_inspect.experiments.modules.sources import Wanted, open_candidates
-from safe_inspect.figures.rendezvous.mission_figure import outcome_of
+from safe_inspect.figures.mission_figure import outcome_of
 from safe_inspect.missions.record import read_mission
 from safe_inspect.outputs import check_ending
 

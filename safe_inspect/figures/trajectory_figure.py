@@ -1,4 +1,4 @@
-"""The figure of one episode: the trajectory around the chief, the inspected points, and quantities over time."""
+"""Figures of one episode: the trajectory around the chief, inspected points, quantities over time, and its safety."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.evaluation.recorder import Trajectory
+from safe_inspect.evaluation.safety_report import SafetyReport
 from safe_inspect.figures.drawing import (
     AXIS_COLOURS,
     SEQUENTIAL,
@@ -19,7 +20,18 @@ from safe_inspect.figures.drawing import (
     speed_limit_of,
 )
 from safe_inspect.figures.scene import draw_scene
-from safe_inspect.geometry.picture import BLACK, DEPUTY_COLOURS, FRONT, GREY, PALE, VERMILION, Camera, circle, pieces
+from safe_inspect.geometry.picture import (
+    BLACK,
+    BLUE,
+    DEPUTY_COLOURS,
+    FRONT,
+    GREY,
+    PALE,
+    VERMILION,
+    Camera,
+    circle,
+    pieces,
+)
 from safe_inspect.types import BoolArray, FloatArray
 
 _RIGHT = 0.985
@@ -232,3 +244,21 @@ def _draw_thrust(axes: Any, time: FloatArray, values: FloatArray, **line: Any) -
         return
     axes.vlines(time[burns], 0.0, values[burns], color=line["color"], linewidth=1.2)
     axes.plot(time[burns], values[burns], marker="o", markersize=3.5, linestyle="", color=line["color"])
+
+
+def safety_figure(report: SafetyReport) -> Figure:
+    """Draw every constraint's plain safety quantity over time, for the environment that came nearest to a violation."""
+    rows = -(-len(report.names) // 2)
+    with new_figure(8.0, 1.35 * rows + 0.4, layout="constrained") as figure:
+        panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
+        hours = np.arange(len(report.worst)) * report.step_size / 3600.0
+        for axes, name, unit, values in zip(panels.flat, report.names, report.units, report.worst.T, strict=False):
+            axes.axhline(0.0, color=VERMILION, linewidth=0.9)
+            axes.plot(hours, values, color=BLUE, linewidth=0.9)
+            axes.set_ylabel(f"{name}\n[{unit}]")
+        for axes in panels.flat[len(report.names) :]:
+            axes.set_axis_off()
+        for axes in panels[-1]:
+            axes.set_xlabel("time [h]")
+        figure.suptitle("safety quantities at the steps; unsafe below the red line", fontsize=9.5)
+    return figure

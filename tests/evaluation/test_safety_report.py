@@ -9,7 +9,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import save
-from safe_inspect.figures.safety_figures import safety_figure
+from safe_inspect.figures.trajectory_figure import safety_figure
 from safe_inspect.rta.adversaries import ADVERSARIES
 
 ON = "RTAGlueCWHInspection1v1.config.enabled=True"

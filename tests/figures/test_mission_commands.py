@@ -14,7 +14,7 @@ from safe_inspect.evaluation.episodes import join
 from safe_inspect.evaluation.missions import mission_episode, mission_task
 from safe_inspect.evaluation.results.files import write_evaluation
 from safe_inspect.evaluation.results.results import Evaluation
-from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
+from safe_inspect.figures.campaign_figure import campaign_figure
 from safe_inspect.missions.record import read_mission
 from safe_inspect.rendezvous.experiment import load_rendezvous
 

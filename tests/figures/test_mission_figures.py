@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from safe_inspect.dynamics.quaternion import exp, multiply, rotate, to_matrix
-from safe_inspect.figures.rendezvous.mission_figure import _plan_clearance, outcome_of, tracking_error
-from safe_inspect.figures.rendezvous.mission_film import MissionFilm
-from safe_inspect.figures.rendezvous.mission_page import mission_data, mission_page
-from safe_inspect.figures.rendezvous.mission_scene import DrawnSolid, best_view, ribbon
+from safe_inspect.figures.mission_figure import _plan_clearance, outcome_of, tracking_error
+from safe_inspect.figures.mission_film import MissionFilm
+from safe_inspect.figures.mission_page import mission_data, mission_page
+from safe_inspect.figures.mission_scene import DrawnSolid, best_view, ribbon
 from safe_inspect.geometry.oriented_boxes import OrientedBoxes
 from safe_inspect.geometry.picture import Camera
 from safe_inspect.missions.record import MissionRecord

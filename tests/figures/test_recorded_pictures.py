@@ -31,14 +31,14 @@ from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.rollouts import record_episode, rollout
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures import curves_figure, trajectory_figure
+from safe_inspect.figures.campaign_figure import campaign_figure
+from safe_inspect.figures.estimate_figure import estimate_figure
 from safe_inspect.figures.film import Film
+from safe_inspect.figures.mission_figure import mission_figure
+from safe_inspect.figures.mission_film import MissionFilm
+from safe_inspect.figures.mission_page import mission_data
 from safe_inspect.figures.page import episode_page
-from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
-from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
-from safe_inspect.figures.rendezvous.mission_figure import mission_figure
-from safe_inspect.figures.rendezvous.mission_film import MissionFilm
-from safe_inspect.figures.rendezvous.mission_page import mission_data
-from safe_inspect.figures.safety_figures import safety_figure
+from safe_inspect.figures.trajectory_figure import safety_figure
 from safe_inspect.missions.log_estimate import ONLINE_COLUMNS, LogEstimate
 from safe_inspect.missions.sensor_log import TRUTH_COLUMNS
 from safe_inspect.policies import DockingAutopilot, NaturalMotionInspector, RandomThrust

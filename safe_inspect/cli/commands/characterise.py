@@ -8,7 +8,7 @@ from safe_inspect.cli.arguments import add_option, add_output_folder, output_fol
 from safe_inspect.cli.episode_bar import EpisodeBar
 from safe_inspect.cli.streams import print_doubts, print_loading
 from safe_inspect.figures.drawing import save
-from safe_inspect.figures.rendezvous.estimate_figure import estimate_figure
+from safe_inspect.figures.estimate_figure import estimate_figure
 from safe_inspect.missions.log_checks import check_log
 from safe_inspect.missions.log_estimate import estimate_log, estimate_table, summary_of, write_estimate
 from safe_inspect.missions.sensor_log import read_sensor_log

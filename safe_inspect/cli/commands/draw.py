@@ -11,9 +11,9 @@ from safe_inspect.evaluation.results.files import (
     read_evaluation,
 )
 from safe_inspect.evaluation.results.tables import ends
+from safe_inspect.figures.campaign_figure import campaign_figure
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
-from safe_inspect.figures.rendezvous.campaign_figure import campaign_figure
-from safe_inspect.figures.rendezvous.mission_figure import mission_figure
+from safe_inspect.figures.mission_figure import mission_figure
 from safe_inspect.figures.trajectory_figure import trajectory_figure
 
 

@@ -10,8 +10,8 @@ from safe_inspect.cli.shown_episode import add_episode_arguments, episode_of, pr
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.figures.drawing import require_matplotlib
 from safe_inspect.figures.film import Film
+from safe_inspect.figures.mission_film import MissionFilm
 from safe_inspect.figures.pictures import find_ffmpeg, save_film
-from safe_inspect.figures.rendezvous.mission_film import MissionFilm
 
 _FILMS = (".gif", ".mp4")
 

@@ -13,7 +13,7 @@ from safe_inspect.config.experiment import Experiment, load_experiment
 from safe_inspect.errors import ConfigError
 from safe_inspect.evaluation.safety_report import safety_report
 from safe_inspect.figures.drawing import FIGURE_ENDINGS, require_matplotlib, save
-from safe_inspect.figures.safety_figures import safety_figure
+from safe_inspect.figures.trajectory_figure import safety_figure
 from safe_inspect.outputs import check_ending
 from safe_inspect.rta.audit import Audit, audit
 from safe_inspect.rta.base import SafetyGlue

@@ -6,8 +6,8 @@ import argparse
 
 from safe_inspect.cli.arguments import add_option
 from safe_inspect.cli.shown_episode import add_episode_arguments, episode_of, prepare_output, report_file
+from safe_inspect.figures.mission_page import mission_page
 from safe_inspect.figures.page import episode_page, save_page
-from safe_inspect.figures.rendezvous.mission_page import mission_page
 
 _PAGES = (".html", ".htm")
 

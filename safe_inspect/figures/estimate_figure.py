@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.figures.drawing import SEQUENTIAL, Figure, new_figure
-from safe_inspect.figures.rendezvous.mission_scene import POLHODE_VIEW, draw_polhode
+from safe_inspect.figures.mission_scene import POLHODE_VIEW, draw_polhode
 from safe_inspect.geometry.picture import BLACK, BLUE, GREEN, GREY, VERMILION
 from safe_inspect.missions.log_estimate import ONLINE_COLUMNS, LogEstimate, measured_rates
 from safe_inspect.missions.sensor_log import TRUTH_PARTS, SensorLog

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from safe_inspect.dynamics.quaternion import normalise, to_matrix
+from safe_inspect.figures.mission_figure import LEAD
+from safe_inspect.figures.mission_scene import BELIEVED, FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.figures.pictures import Pictures
-from safe_inspect.figures.rendezvous.mission_figure import LEAD
-from safe_inspect.figures.rendezvous.mission_scene import BELIEVED, FLIGHT, PHASE_COLOURS, SceneArtists, show_extent
 from safe_inspect.geometry.picture import BLACK, GREY, ORANGE, PALE, Camera
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.rendezvous.coordination.context import Phase

@@ -8,7 +8,7 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.figures.drawing import AXIS_COLOURS, Figure, new_figure
-from safe_inspect.figures.rendezvous.mission_scene import (
+from safe_inspect.figures.mission_scene import (
     CAMERA,
     FLIGHT,
     MATING,

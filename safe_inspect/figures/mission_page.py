@@ -8,9 +8,8 @@ import numpy as np
 
 from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.figures.drawing import AXIS_COLOURS
-from safe_inspect.figures.page import chart, page_of, rounded
-from safe_inspect.figures.rendezvous.mission_figure import outcome_of, tracking_error
-from safe_inspect.figures.rendezvous.mission_scene import (
+from safe_inspect.figures.mission_figure import outcome_of, tracking_error
+from safe_inspect.figures.mission_scene import (
     CAMERA,
     FLIGHT,
     MATING,
@@ -21,6 +20,7 @@ from safe_inspect.figures.rendezvous.mission_scene import (
     best_view,
     camera_cone,
 )
+from safe_inspect.figures.page import chart, page_of, rounded
 from safe_inspect.geometry.picture import BLACK, GREY
 from safe_inspect.missions.record import MissionRecord
 from safe_inspect.missions.summary import true_reference

@@ -1,1 +1,0 @@
-"""Figures, films and pages of rendezvous missions with a tumbling target."""
