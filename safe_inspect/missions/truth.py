@@ -29,7 +29,7 @@ from safe_inspect.simulators.resets.initializers import PositionVelocityInitiali
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulation
-from safe_inspect.tasks.disturbances.thruster_model import Actuators
+from safe_inspect.tasks.thruster_model import Actuators
 from safe_inspect.types import FloatArray
 
 #: Change of the angular velocity by an impact, as a fraction of its magnitude.

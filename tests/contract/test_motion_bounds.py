@@ -11,7 +11,7 @@ from safe_inspect.dynamics import NO_DISTURBANCE, DisturbanceBounds, Dynamics
 from safe_inspect.dynamics.clohessy_wiltshire import clohessy_wiltshire_row
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.simulators import Component, RunningComponent
-from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.bounded_disturbance import BoundedDisturbance
 from safe_inspect.testing import check_plugin
 from safe_inspect.units import NonNegativeSpeed
 

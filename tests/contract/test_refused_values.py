@@ -20,7 +20,7 @@ from safe_inspect.rta.base import SafetyGlue
 from safe_inspect.simulators import Component, Parameter, RunningComponent
 from safe_inspect.simulators.simulator import ComposedSimulator
 from safe_inspect.simulators.state import ArraySpec
-from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.bounded_disturbance import BoundedDisturbance
 from safe_inspect.testing import check_plugin
 from safe_inspect.testing.samples import SampleVehicle
 

@@ -17,7 +17,7 @@ from safe_inspect.simulators.resets.initializers import PositionVelocityInitiali
 from safe_inspect.simulators.resets.parameters import ConstantParameter
 from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import Simulation
-from safe_inspect.tasks.disturbances.thruster_model import Actuators
+from safe_inspect.tasks.thruster_model import Actuators
 
 _MASS = 9.583788668
 _INERTIA = np.array([0.153427995, 0.14271405, 0.162302759])

@@ -16,7 +16,7 @@ from safe_inspect.simulators.resets.plan import BodyReset, ResetPlan
 from safe_inspect.simulators.simulator import ComposedSimulator, Simulation
 from safe_inspect.simulators.team import TeamView
 from safe_inspect.simulators.view import Group, View
-from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.bounded_disturbance import BoundedDisturbance
 from safe_inspect.tasks.docking.tumble_parameter import TumbleParameter
 from safe_inspect.tasks.inspection.fuel_price import FuelPriceSchedule
 from safe_inspect.tasks.inspection.points import InspectionPoints, SpherePoints

@@ -9,7 +9,7 @@ from safe_inspect.config.data import configs_root
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.tasks.disturbances.component import BoundedDisturbance
+from safe_inspect.tasks.bounded_disturbance import BoundedDisturbance
 
 SIMULATOR = "config.config.env_config.simulator.config.disturbance"
 BOUNDS = {

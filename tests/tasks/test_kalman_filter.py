@@ -10,7 +10,7 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ConfigError
-from safe_inspect.tasks.disturbances.kalman_filter import KalmanFilter
+from safe_inspect.tasks.kalman_filter import KalmanFilter
 
 SIMULATOR = "config.config.env_config.simulator.config"
 N, MASS, STEP = 0.001027, 12.0, 10.0

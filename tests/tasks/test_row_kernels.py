@@ -12,8 +12,7 @@ from safe_inspect.dynamics.quaternion import to_matrix
 from safe_inspect.geometry.sphere import sphere_points
 from safe_inspect.geometry.visibility import Credit, Scores, Surface
 from safe_inspect.random.splitmix import draw_in_ball, uniform_at
-from safe_inspect.tasks.disturbances.component import add_velocity, turn_thrust, write_estimates
-from safe_inspect.tasks.disturbances.thruster_model import Actuators
+from safe_inspect.tasks.bounded_disturbance import add_velocity, turn_thrust, write_estimates
 from safe_inspect.tasks.docking.mating import docking_error, is_docked, is_in_contact
 from safe_inspect.tasks.docking.speed_limit import (
     DOCKED,
@@ -26,6 +25,7 @@ from safe_inspect.tasks.docking.speed_limit import (
     speed_limit,
 )
 from safe_inspect.tasks.inspection.points import ConeCamera, in_cone, inspect_by_camera
+from safe_inspect.tasks.thruster_model import Actuators
 
 ROWS, DEPUTIES = 5, 3
 KEYS, STEPS = np.random.default_rng(0).integers(0, 2**63, ROWS).astype(np.uint64), np.arange(3, 3 + ROWS)

@@ -14,8 +14,8 @@ from safe_inspect.config.experiment import load_experiment
 from safe_inspect.dynamics import MotionLimits
 from safe_inspect.environments import TeamEnvironment
 from safe_inspect.errors import ArgumentError, ConfigError, InitialStateError
-from safe_inspect.tasks.disturbances.solar_pressure import SolarPressure
-from safe_inspect.tasks.disturbances.thruster_model import ThrusterModel
+from safe_inspect.tasks.solar_pressure import SolarPressure
+from safe_inspect.tasks.thruster_model import ThrusterModel
 
 SIMULATOR = "config.config.env_config.simulator.config"
 STEP, MASS, ISP = 10.0, 12.0, 220.0
