@@ -220,6 +220,16 @@ def test_a_reference_beyond_the_limits_leads_to_a_new_plan_on_the_way_or_to_a_re
         assert plans[-1]["t_start"] > plans[0]["t_start"] + 15.0
 
 
+def test_an_approach_starts_only_where_the_mating_point_can_be_held_in_the_keep_in_box() -> None:
+    limits = ["chaser.limits.keep_in=[0.4 m, 3 m, 0.4 m]", "mission.wait_limit=30 s", "mission.hold_limit=5 s"]
+    result = Mission(_load(*_SHORT, *limits).config, 2).run()
+    assert result.summary["success"], result.summary
+    refusals = [event["data"]["refusal"] for event in result.log.events if event["event"] == "tube"]
+    assert "keep-in box" in refusals[0]  # the box is smaller by the tube, which is not known before the first plan
+    assert not any(event["event"] == "reference" for event in result.log.events)
+    assert _phases(result).count("TRACK") == 1
+
+
 def test_observation_that_stays_coarse_is_flagged() -> None:
     overrides = ["mission.observe_limit=5 s", "mission.attitude_sigma=0.1 deg", "mission.time_limit=8 s", *_ERRORS]
     result = Mission(_load(*overrides).config, 2).run()

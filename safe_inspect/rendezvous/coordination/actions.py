@@ -40,6 +40,11 @@ def _new_reference(context: MissionContext, plan: Plan) -> TrackedReference:
     return reference_of(plan, context.estimate, context.target.mating_point, tail, mission.step, mission.mean_motion)
 
 
+def _about_target(context: MissionContext, reference: TrackedReference) -> TrackedReference:
+    """Return a reference with the target's centre of mass as its origin, which is that of plans and keep-in box."""
+    return replace(reference, position=reference.position - context.estimate.target.position)
+
+
 def renew_reference(context: MissionContext) -> None:
     """Update the reference with the newest estimate, and check it.
 
@@ -49,12 +54,11 @@ def renew_reference(context: MissionContext) -> None:
     following = context.following
     assert following is not None, "the reference can only be updated during an approach"
     plan, design, bound = following.plan, following.design, following.unrenewed
-    following.reference = reference = _new_reference(context, plan)
+    following.reference = _new_reference(context, plan)
     if context.phase is not Phase.TRACK:
         return
     k = context.step - following.first_step
-    # The origin of the plan is the target's centre of mass.
-    reference = replace(reference, position=reference.position - context.estimate.target.position)
+    reference = _about_target(context, following.reference)
     rounded = replace(bound, position=bound.position + _ROUNDING, velocity=bound.velocity + _ROUNDING)
     problem = reference_problem(design, plan, rounded, reference, k)
     if problem:
@@ -221,6 +225,7 @@ def _plan(context: MissionContext, waits: tuple[float, ...], durations: tuple[fl
         mean_motion=mission.mean_motion,
         length=mission.length,
         step=mission.step,
+        hold=mission.hold_limit,
     )
     plan: Plan = context.config.planner(query)
     require_type(called(context.config.planner), plan, Plan)
@@ -290,6 +295,11 @@ def make_tube(context: MissionContext) -> None:
         design = replace(design, refusal="the plan does not keep the tube's clearance")
     if design.accepted and mission.mean_motion and np.sqrt(3.0) * design.tube.position.max() > 0.9 * mission.length:
         design = replace(design, refusal="tube: it is as wide as the scenario, so that the tide in it is not bounded")
+    if design.accepted:  # Of the plan only; the approach also needs room to hold the mating point after it.
+        reference = _about_target(context, _new_reference(context, plan))
+        problem = reference_problem(design, plan, None, reference)
+        room = remaining(design.axis, reference, design.tube, design.limits)[:, :2]
+        design = replace(design, refusal=problem, state_reserve=room)
     context.design = design
     context.bound_failures = 0 if design.accepted else context.bound_failures + 1
     context.demands = context.demands.after(design)

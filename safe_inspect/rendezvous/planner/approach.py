@@ -80,6 +80,7 @@ class _PlanUnits:
             mean_motion=query.mean_motion * time,
             length=1.0,
             step=query.step / time,
+            hold=query.hold / time,
         )
         return cls(query, scaled, length, mass, time)
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from safe_inspect.dynamics.quaternion import to_matrix
+from safe_inspect.dynamics.quaternion import rotate, to_matrix
 from safe_inspect.dynamics.tumble import largest_rate, tumble
 from safe_inspect.rendezvous.planner.paths import FIXED, ApproachPath
 from safe_inspect.rendezvous.planner.problem import ApproachProblem
@@ -185,6 +185,8 @@ def terminal_problem(problem: ApproachProblem) -> str:
         return f"the mating point {_text(p)} m is outside the keep-in box of half sizes {_text(limits.keep_in)} m"
     if outside[:FIXED].any():
         return f"the velocity at the start leads out of the keep-in box of half sizes {_text(limits.keep_in)} m"
+    if _leaves_box(problem):
+        return f"the mating point leaves the keep-in box of half sizes {_text(limits.keep_in)} m while it is held"
     if spare < 0.0:
         return f"the mating point is {-spare:.3f} m closer to the target than radius and margin allow"
     if fast > limits.speed:
@@ -199,6 +201,17 @@ def terminal_problem(problem: ApproachProblem) -> str:
     if np.linalg.norm(p) < limits.least_range:
         return f"the mating point is within {limits.least_range:.2f} m of the target's centre of mass"
     return ""
+
+
+def _leaves_box(problem: ApproachProblem) -> bool:
+    """Return whether the mating point leaves the keep-in box within the query's `hold` after the approach."""
+    query, keep_in = problem.query, problem.limits.keep_in
+    if np.linalg.norm(query.mating_point) <= keep_in.min():
+        return False
+    held = np.linspace(0.0, query.hold, round(query.hold / query.step) + 1)
+    times = problem.wait + problem.basis.duration + held
+    q, _ = tumble(query.inertia, query.orientation[None], query.angular_velocity[None], times)
+    return bool((np.abs(rotate(q[0], query.mating_point)) > keep_in).any())
 
 
 def _text(vector: FloatArray) -> str:

@@ -80,6 +80,7 @@ class PlanQuery:
             `dynamics.tide`.
         length: Length of the scenario [m], about the radius that the target sweeps; the optimiser's unit of length.
         step: Control step [s], at which plans are sampled; durations are multiples of it.
+        hold: Time after a plan for which the chaser may hold the mating point, which must stay in the keep-in box [s].
     """
 
     t0: float
@@ -97,6 +98,7 @@ class PlanQuery:
     mean_motion: float = 0.0
     length: float = 1.0
     step: float = 0.2
+    hold: float = 0.0
 
     @property
     def planned_acceleration(self) -> float:

@@ -106,6 +106,7 @@ def test_what_is_wrong_with_the_mating_point_is_said(query):
         ({"limits": Limits(planned_force=0.01)}, "following the mating point takes"),
         ({"limits": Limits(line_of_sight_rate=0.03)}, "line of sight turns"),
         ({"limits": Limits(keep_in=np.array([0.1, 3.0, 0.1]))}, "outside the keep-in box"),
+        ({"limits": Limits(keep_in=np.array([0.4, 3.0, 0.4])), "hold": 40.0}, "leaves the keep-in box"),
     ):
         plan = SplineSCPPlanner()(query(0, **changes))
         assert plan.status is PlanStatus.TERMINAL_INFEASIBLE
