@@ -58,7 +58,8 @@ def build(kind: str, value: Any) -> Plugin:
         if value.kind != kind:
             raise misplaced([((), f"expected {with_article(kind)}, got the {value.kind} {value.registered_name}")])
         return value
-    if isinstance(value, str):
+    is_name = isinstance(value, str)
+    if is_name:
         value = {name_key(kind): value}
     if not isinstance(value, Mapping):
         raise misplaced(
@@ -76,7 +77,7 @@ def build(kind: str, value: Any) -> Plugin:
         try:
             cls = registry.get(kind, value[key])
         except RegistryError as error:
-            problems.append(_problem((key,), str(error)))
+            problems.append(_problem(() if is_name else (key,), str(error)))
     unknown = []
     for other in (str(given) for given in value if given not in known):
         hint = did_you_mean(other, known | {"references"})

@@ -60,6 +60,8 @@ def test_overrides_are_checked() -> None:
         load_rendezvous(SHIPPED, ["mission.observ=3"])
     with pytest.raises(ConfigError, match="planned_force"):
         load_rendezvous(SHIPPED, ["chaser.limits.planned_force=0.4 N"])
+    with pytest.raises(ConfigError, match="tumble=TriAxialTumbel: tumble: unknown parameter 'TriAxialTumbel'; did you"):
+        load_rendezvous(SHIPPED, ["tumble=TriAxialTumbel"])
     with pytest.raises(ConfigError, match="multiple of control_ticks"):
         load_rendezvous(SHIPPED, ["mission.update_ticks=130"])
     with pytest.raises(
