@@ -107,6 +107,16 @@ def test_rows_are_flown_once_and_others_can_add_theirs(typed, tmp_path, monkeypa
     assert out.splitlines()[5:] == [*page.splitlines()[5:], ""]
 
 
+def test_plans_are_made_once(typed, tmp_path):
+    rows = f"task: {TASK}, overrides: [horizon=5], rows"
+    (tmp_path / "plans.yml").write_text(MORE.replace("random", "optimiser").replace("rows", rows))
+    words = ("plans.yml", "--results", "kept", "--episodes", "1")
+    code, page, err = typed(*words)
+    assert (code, "stored" in err) == (0, False)
+    code, again, err = typed(*words)
+    assert (code, again, err) == (0, page, "[1/1] Small: mine\n  stored in kept/small/mine.json\n")
+
+
 def test_a_row_of_other_episodes_or_of_another_version_is_flown_again(typed, monkeypatch):
     assert typed("boards.yml", "--results", "kept")[0] == 0
     flown = []

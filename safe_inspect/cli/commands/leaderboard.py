@@ -181,4 +181,6 @@ def _plans(entry: _Entry, path: Path, leaderboard: Leaderboard) -> Standing:
     path.parent.mkdir(parents=True, exist_ok=True)
     with EpisodeBar(OPTIMISER) as bar:
         record = complete(entry.spec, asked, leaderboard.episodes, path=path, force=True, progress=bar.show)
+    if not bar.done:
+        print(f"  stored in {path}", file=sys.stderr)
     return Standing.of_plans(entry.row, record, entry.spec.step_size)
