@@ -238,12 +238,16 @@ def _motion_doubts(
     config: RendezvousConfig, target: Target, attitudes: FloatArray, rates: FloatArray
 ) -> Iterator[Problem]:
     """Yield a problem for each value with which the chaser may not be able to do what a plan demands."""
-    limits, lag = config.chaser.limits, config.chaser.actuator.lag
+    limits, lag, mission = config.chaser.limits, config.chaser.actuator.lag, config.mission
+    if mission.time_limit <= mission.checkout + mission.observe:
+        message = (
+            f"the mission ends after {mission.time_limit:g} s at the latest; checkout and observation take "
+            f"{mission.checkout:g} s and {mission.observe:g} s, so that no approach starts"
+        )
+        yield Problem(message, "mission.time_limit", hint="raise it, or lower mission.observe")
     if lag > 0.0:
         message = f"the tube does not include that the actuators lag by {lag:g} s, so the chaser may leave it"
-        yield Problem(
-            message, "chaser.actuator.lag", hint=f"keep it far below the control step of {config.mission.step:g} s"
-        )
+        yield Problem(message, "chaser.actuator.lag", hint=f"keep it far below the control step of {mission.step:g} s")
     fastest = max(map(abs, config.chaser.velocity))
     if fastest > limits.tracking_speed:
         message = (

@@ -149,6 +149,7 @@ def test_the_shipped_experiments_are_not_doubted() -> None:
             r"following the mating point takes at least .* m/s and .* N",
         ),
         (["tumble.config.rate=0.0872"], r"0\.0872 has no unit and is read as 0\.0872 rad/s, which is 4\.996 deg/s"),
+        (["mission.time_limit=122 s"], r"mission\.time_limit: the mission ends after 122 s at .* no approach starts"),
         (["chaser.actuator.lag=0.3 s"], r"actuator\.lag: the tube does not include that the actuators lag by 0\.3 s"),
         (["chaser.limits.cone=1.2"], r"chaser\.limits\.cone: 1\.2 has no unit .* 68\.75 deg; write the unit"),
     ],
