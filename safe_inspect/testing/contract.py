@@ -43,7 +43,7 @@ def check_plugin(plugin: type[Plugin] | Plugin, *, parts: Sequence[Part] = ()) -
     done         bool (R,); the class has a `status`; for all agents, a `DoneStatus` or 0, int (N,)
     part         sensor: float (R, size) within its limits; controller: thrust [N] (R, 3)
     glue         names and bounds; an observation float (R, size) within them, or thrust [N] (R, 3)
-    parameter    float (R,), or named states
+    parameter    float (R,), or named states; an attitude and angular velocity must be those of a tumble
     initializer  named states, position and velocity (R, 3)
     normalizer   float (R, k); `inverse` restores the values
     constraint   phi, h and rate float (R,), gradient float (R, 6), the derivative of h; a `half_space` agrees with phi

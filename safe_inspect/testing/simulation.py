@@ -13,6 +13,7 @@ from safe_inspect.dones.limits import EpisodeLengthDone
 from safe_inspect.dynamics.base import DisturbanceBounds, Dynamics, MotionLimits, advance_kernel
 from safe_inspect.dynamics.cwh import transition
 from safe_inspect.environments.team import TeamEnvironment
+from safe_inspect.errors import InitialStateError
 from safe_inspect.glues.base import ActionGlue
 from safe_inspect.platforms.base import Sensor
 from safe_inspect.platforms.cwh import CWHPlatform
@@ -22,6 +23,7 @@ from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter
 from safe_inspect.simulators.simulator import ComposedSimulator, Simulator
+from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
 from safe_inspect.testing.calls import Call, Check, SampleParts, Shape, check_alone, check_call, spread
 from safe_inspect.testing.flights import HORIZON, fly
 from safe_inspect.testing.report import Report
@@ -33,13 +35,19 @@ _RANGES = {"m": (50.0, 100.0), "m/s": (0.0, 0.3), "rad": (-1.5, 6.28)}
 
 
 def _check_parameter(plugin: Parameter, parts: SampleParts, report: Report) -> None:
-    """Check a reset parameter: it must return a number for each row, (R,), or named states."""
+    """Check a reset parameter: it must return a number for each row, (R,), or named states, such as a tumble's."""
 
     def draw(slots: AnyArray, states: dict[str, FloatArray]) -> Any:
         return plugin(Draw(Streams(12345, slots % 7, slots), "sample", values={"init_state": states}))
 
     given: dict[str, Any] = {"the slots": np.arange(ROWS), "init_state": sample_states()}
-    check_call(Call("the parameter", draw, given, Shape(None, "f", "(R,)"), shapes={"": Shape()}), report)
+    call = Call("the parameter", draw, given, Shape(None, "f", "(R,)"), shapes={"": Shape()})
+    result = check_call(call, report)
+    if isinstance(result, Mapping) and {"orientation", "angular_velocity"} <= result.keys():
+        try:
+            tumble_states(plugin.registered_name, result, ROWS)
+        except InitialStateError as error:
+            report.expect(False, "tumble", str(error), "return what `TumbleParameter` returns")
 
 
 def _check_initializer(plugin: Initializer, parts: SampleParts, report: Report) -> None:

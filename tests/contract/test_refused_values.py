@@ -221,6 +221,13 @@ REFUSED = {
         Parameter, __call__=lambda self, draw: draw.streams.uniform("x")[:, 0] / 0.0
     ),
     "parameter of two columns": lambda: made(Parameter, __call__=lambda self, draw: draw.streams.uniform("x", 2)),
+    "parameter that is a tumble of quaternions of another length": lambda: made(
+        Parameter,
+        __call__=lambda self, draw: {
+            "orientation": np.full((len(draw.streams), 4), 1.0),
+            "angular_velocity": np.zeros((len(draw.streams), 3)),
+        },
+    ),
     "component whose declaration fails": lambda: made(
         Component, __call__=lambda self, world, num_envs: RunningComponent(), disturbance_bounds=refuse
     ),
