@@ -169,6 +169,19 @@ def test_the_sun_of_an_inspection_turns_with_its_light():
     assert rate(illumination_params=None) == 0.0011
 
 
+def test_a_sun_that_does_not_follow_the_orbit_is_warned_of(recwarn):
+    said = r"the sun turns at 0\.001027 rad/s, and the orbit at 0\.0005 rad/s; set `illumination_params\.mean_motion`"
+    with pytest.warns(UserWarning, match=said):
+        InspectionSimulator(mean_motion=0.0005)
+    with pytest.warns(UserWarning, match=said):
+        InspectionSimulator(dynamics={"functor": "RelativeOrbit", "config": {"mean_motion": 0.0005}})
+    recwarn.clear()
+    for light in ({"mean_motion": 0.001027}, {"mean_motion": 0.0005}, None):
+        InspectionSimulator(mean_motion=0.0005, illumination_params=light)
+    InspectionSimulator()
+    assert not recwarn.list
+
+
 def test_a_part_of_the_price_schedule_has_the_prices_of_its_slots():
     plugin = FuelPriceSchedule(delta_v_scale_bounds=(-0.5, -0.1), delta_v_scale_step=-0.1)
     running = plugin(SimpleNamespace(offers=SimpleNamespace(world={})), 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -47,8 +48,13 @@ class InspectionSimulator(CameraAndPoints, FuelPrice, Simulator):
     def _checked_rotation_and_light(self) -> InspectionSimulator:
         if self.chief_rotation is not None and any(self.chief_angular_velocity):
             raise ValueError("`chief_rotation` and `chief_angular_velocity` exclude each other; remove one of them")
-        if self.illumination_params is not None and self.illumination_params.eclipse:
-            earth_shadow(self.mean_motion, self.illumination_params.avg_rad_Earth2Sun)
+        light = self.illumination_params
+        if light is not None and light.eclipse:
+            earth_shadow(self.mean_motion, light.avg_rad_Earth2Sun)
+        orbit = self.mean_motion if self.dynamics is None else getattr(self.dynamics, "mean_motion", None)
+        if light is not None and "mean_motion" not in light.model_fields_set and orbit not in (None, light.mean_motion):
+            rates = f"the sun turns at {light.mean_motion} rad/s, and the orbit at {orbit} rad/s"
+            warnings.warn(f"{rates}; set `illumination_params.mean_motion` to the rate that is meant", stacklevel=2)
         return self
 
     @property
