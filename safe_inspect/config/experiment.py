@@ -1,4 +1,4 @@
-"""`load_experiment`: builds a checked `Experiment` from a file and overrides; all mistakes are reported at once.
+"""`load_experiment`: builds a checked `Experiment` from a file and overrides; each step reports all its mistakes.
 
 Every command that takes ``--cfg FILE`` of an environment, and every function that makes an environment, comes here; a
 rendezvous goes to `safe_inspect.rendezvous.experiment.load_rendezvous` (``validate``, ``evaluate`` and ``compare``
@@ -8,10 +8,14 @@ look at the file first to tell the two apart, by `is_rendezvous`). In ``python -
 Ray. The steps of `load_experiment` are:
 
 1. `_file_of` finds the file, if the name is the id of a task.
-2. `loader.load` opens it, and reads it and what it includes, as a tree with the location of every value.
-3. `layers.experiment_tree` merges its layers and moves short keys to their full paths.
-4. `build_experiment` replaces the values that the command line gives (`overrides.apply_overrides`), imports plugins,
-   expands templates and references, and validates the tree with the `models`, which builds the plugins.
+2. `loader.load` opens it, and reads it and what it includes, as a tree with the location of every value. ``./FILE``
+   is next to the including file; any other name is searched in the working directory, in the folder that contains
+   ``configs``, and in this package.
+3. `layers.experiment_tree` merges its layers and moves short keys to their full paths. It also reads the files that
+   safe-autonomy-sims names by plain paths, without ``!include``.
+4. `build_experiment` replaces the values that a task's id and then the command line give
+   (`overrides.apply_overrides`; a path may be the end of exactly one full path), imports plugins, expands templates
+   and references, and validates the tree with the `models`, which builds the plugins.
 5. `building` checks how they fit together: `team.policies_of` returns the policies, and, after the keys of RLlib, the
    horizon and the seed (`_rllib`, `_horizon`, `_seed`), `assemble.assemble` the `EnvironmentSpec`.
 
@@ -87,7 +91,8 @@ def load_experiment(
         compute_platform: Name of the task's `rllib_configs` to use; ``default`` if that name does not exist.
 
     Raises:
-        ConfigError: The experiment has mistakes; all are listed, each with its file, line and path of keys.
+        ConfigError: The experiment has mistakes; all of the first step that finds some are listed, each with its file,
+            line and path of keys.
     """
     if isinstance(overrides, str):
         raise ConfigError(Problem("overrides must be a list of strings", hint=f"write [{overrides!r}]"))

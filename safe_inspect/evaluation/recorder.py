@@ -42,9 +42,11 @@ class Trajectory:
         status: How the episode ended.
         slot: Global index of the environment slot.
         deputies: Name of each deputy.
-        arrays: Arrays that components record, such as ``sun_angle`` [rad], and the attitude of deputies that turn
-            (``orientation``, quaternions from body to Hill axes), each of shape (T + 1, ...). They can also be read as
-            attributes, such as ``trajectory.sun_angle``.
+        arrays: Arrays that components record (`RunningComponent.recorded`), such as ``sun_angle`` [rad], and the
+            attitude of deputies that turn: ``orientation``, quaternions [x, y, z, w] from body to Hill axes, and
+            ``angular_velocity`` in body axes [rad/s], relative to inertial space unless the dynamics say otherwise
+            (``rate_against: hill``). Each has the shape (T + 1, ...). They can also be read as attributes, such as
+            ``trajectory.sun_angle``.
         points: Position of the inspection points about the centre of their body [m], shape (P, 3); P is 0 in a task
             without points. Of several bodies with points, only the first one is recorded. The points of a body that
             turns (`ChiefRotation`) are in its axes; ``chief_orientation`` in `arrays` is the attitude.

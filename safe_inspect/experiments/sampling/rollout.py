@@ -382,8 +382,9 @@ def _episode(
 
     Of one agent in one environment, float32 unless stated otherwise: observations (T + 1, O); actions (T, A), of the
     space's type if they are integers; rewards (T,); `Columns.ACTION_DIST_INPUTS` (T, I), where I is 2 A for a Gaussian
-    (means and log standard deviations); `Columns.ACTION_LOGP` (T,); `WEIGHTS_SEQ_NO` and `DECISION_STEPS` (T,), int64.
-    The infos are empty.
+    (means, then log standard deviations), the sum of the numbers of values for integers (logits), and 1 + 2 A + K for a
+    `Hurdle` over A numbers and K choices (logit, means, log standard deviations, logits of the choices);
+    `Columns.ACTION_LOGP` (T,); `WEIGHTS_SEQ_NO` and `DECISION_STEPS` (T,), int64. The infos are empty.
     """
     track, stop = rollout.tracks[slot.group], span.start + span.length
     part = (slot.member, piece.env, slice(span.start, stop))

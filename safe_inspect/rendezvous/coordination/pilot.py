@@ -169,6 +169,14 @@ class Pilot:
     gets of the truth nevertheless is the chaser's state in `Readings.start`, and the measurements of a sensor of
     states, see `safe_inspect.rendezvous.readings`.
 
+    Readings come at every control step, `mission.step` [s]: a frame (or poses) and the mark every
+    `sensors.frame_period` [s] from time 0, all inertial samples since the last step, the measured chaser at every step
+    and the measured target every `mission.update_period` [s]. W are inertial axes with the origin in the target's
+    centre of mass, T the target's principal axes, B the chaser's axes and C the camera's (z forward, x right, y down).
+    States have position [m] and velocity [m/s] in W, a quaternion [x, y, z, w] from the body to W and a rate in body
+    axes [rad/s]. Samples (specific force [m/s^2] and rate [rad/s]), commands ([N], [N m]) and the mark [m] are in B,
+    depths and points [m] in C.
+
     It must draw from the streams only what is named ``bound.*``, because they are those of the mission. No check
     enforces this rule.
 

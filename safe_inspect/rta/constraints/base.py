@@ -171,7 +171,12 @@ class Constraint(Plugin):
     convex obstacle, it is the half-space beyond the tangent plane at the obstacle's point nearest to x. A region that
     the deputy must not leave is usually convex, and contains no half-space: define one constraint for each face. The
     filter keeps states within the half-spaces at every moment. It therefore guarantees what `half_space` says, which
-    must agree with phi. `half_space` cannot depend on time or on the sun.
+    must agree with phi. `half_space` cannot depend on time or on the sun. Both filters refuse a constraint without
+    `half_space`, except those of `sets.CERTIFIED`.
+
+    Defining a class registers it under its class name, or the class keyword ``name``. An experiment imports its module
+    by `plugin_paths`, and lists ``{functor: NAME, config: {...}}`` in the `constraints` of a filter.
+    `safe_inspect.testing.check_plugin` checks it.
 
     Class attributes:
         unit: Unit of phi.

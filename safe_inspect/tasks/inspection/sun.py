@@ -117,6 +117,10 @@ def _sun_of_orbit(
 def shade(shadow: Shadow, distance: FloatArray, direction: FloatArray, sunlight: FloatArray, light: FloatArray) -> None:
     """Write the visible fraction of the sun, shape (N,), and the direction of the light, shape (N, 3); see `Sun`.
 
+    The fraction is that of the sun's disc outside of the Earth's disc, as circles in the plane with the apparent radii
+    asin(radius / distance). The centre of the sun is dark where the x component of its direction is below
+    ``shadow.edge`` = -cos(asin(R / r)), with the radius R of the Earth and the chief's distance r from its centre.
+
     Args:
         shadow: The shadow on a circular orbit.
         distance: Distance of the chief from the Earth's centre [m], shape (N,); empty on a circular orbit.
@@ -189,7 +193,10 @@ class Sun(SunDirection, PassiveComponent):
 
     With `beta_angle`, the sun is not in the orbital plane, and there is the array ``beta_angle`` [rad], shape (N,). On
     a `RelativeOrbit`, this array always exists. There, the direction of the sun is constant in inertial axes for an
-    episode, and angle, beta angle and direction in Hill's frame follow from the motion of the frame.
+    episode, and angle, beta angle and direction in Hill's frame follow from the motion of the frame. The inertial axes
+    are the Earth's equatorial ones: z along its axis, right ascensions from x. `in_hill_frame` turns a vector by the
+    node about z, the inclination about x and the argument of latitude about z, the elements 5, 3 and 4 of the array
+    ``chief_orbit`` [rad].
 
     With `eclipse`, there are two more arrays: ``sunlight``, the fraction of the sun's disc that the Earth does not hide
     [-], shape (N,), see `sunlight_row`, and ``light_direction``, which is ``sun_direction`` while the centre of the
@@ -200,7 +207,9 @@ class Sun(SunDirection, PassiveComponent):
     These know of it: `SunlightSensor`, `SolarPressure` and figures read ``sunlight``; `CoastingInspectionSensor` and
     `NaturalMotionInspector` predict by `Shadow.edge`. `SunDirectionSensor` reads ``sun_direction``, which continues
     in the dark. The shadow is that of `dynamics.orbit.earth`. Another law of shadows must change `shade`, and what
-    predicts: `Shadow.edge`, `predicted_sun` and the sensor.
+    predicts: `Shadow.edge`, `predicted_sun` and the sensor. The world value ``shadow``, a `Shadow`, shows all others
+    that there is an eclipse: where it exists, the points of a body that turns read ``light_direction``, and
+    predictions take its `edge` as constant. A new field of `SunDirection` is a key of ``illumination_params``.
 
     Which points are lit is decided in `geometry.visibility` (`light_row`, `inspect_in_view`, `inspect_body`: q . s >
     terminator), which `InspectionPoints` calls with s from ``light_direction``, or from the copy of it along the axes
