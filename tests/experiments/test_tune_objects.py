@@ -130,15 +130,15 @@ def test_a_search_trains_under_a_scheduler(scheduler, ray_session, tmp_path, mon
     callback = {"functor": f"{__name__}.Noting", "config": {"file": str(notes)}}
     run = TrainingRun(
         {},
-        rllib={**QUICK, "lr": {"grid_search": [1e-5, 1e-4, 1e-3]}},
+        rllib={**QUICK, "lr": {"grid_search": [1e-5, 1e-3]}},
         tune={"scheduler": scheduler, "callbacks": [callback], "stop": {"training_iteration": 30}},
         output=tmp_path,
         maker=MAKER,
     )
     train(run, io.StringIO())
     lines = [json.loads(line) for line in notes.read_text().splitlines()]
-    assert len({trial for trial, _, _ in lines}) == 3
+    assert len({trial for trial, _, _ in lines}) == 2
     if scheduler["functor"].endswith("ASHAScheduler"):
         assert max(iteration for _, iteration, _ in lines) <= 2  # it ends every trial there, before `stop` does
     else:
-        assert len({rate for _, _, rate in lines}) > 3  # rates were changed while they trained
+        assert len({rate for _, _, rate in lines}) > 2  # rates were changed while they trained
