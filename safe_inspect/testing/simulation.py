@@ -23,7 +23,7 @@ from safe_inspect.simulators.component import Component
 from safe_inspect.simulators.resets.initializers import Initializer
 from safe_inspect.simulators.resets.parameters import Draw, Parameter
 from safe_inspect.simulators.simulator import ComposedSimulator, Simulator
-from safe_inspect.tasks.rendezvous.tumble_parameter import tumble_states
+from safe_inspect.tasks.docking.tumble_parameter import tumble_states
 from safe_inspect.testing.calls import Call, Check, SampleParts, Shape, check_alone, check_call, spread
 from safe_inspect.testing.flights import HORIZON, fly
 from safe_inspect.testing.report import Report
