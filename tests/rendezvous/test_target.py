@@ -245,6 +245,16 @@ def test_a_body_with_inward_faces_is_refused_unless_it_is_a_cavity(tmp_path: Pat
             _read_mesh(tmp_path / f"{name}.stl")
 
 
+def test_bodies_that_overlap_have_the_inertia_of_all_of_them(tmp_path: Path) -> None:
+    trimesh = require("trimesh")
+    cubes = [trimesh.creation.box((1.0, 1.0, 1.0)).apply_translation((x, 0.0, 0.0)) for x in (-0.25, 0.25)]
+    trimesh.util.concatenate(cubes).export(tmp_path / "cubes.stl")
+    target = MeshTarget(path=str(tmp_path / "cubes.stl"))()
+    sixth, shift = 1.0 / 6.0, 0.25**2  # of a cube about its centre, and by the parallel axes
+    wanted = 2.0 * np.array([sixth, sixth + shift, sixth + shift])
+    np.testing.assert_allclose(target.inertia, np.diag(wanted), atol=1e-9)
+
+
 def test_an_open_mesh_and_a_missing_file_are_refused(tmp_path: Path) -> None:
     mesh = require("trimesh").creation.box()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)

@@ -55,7 +55,8 @@ class MeshTarget(TargetModel):
     Attributes:
         path: The file; a relative name is looked up next to the configuration file that contains it.
         scale: Factor from the lengths in the file to metres.
-        inertia: Inertia about the mesh's origin [kg m^2], which is then the centre of mass; null for uniform density.
+        inertia: Inertia about the mesh's origin [kg m^2], which is then the centre of mass; null for bodies of uniform
+            density, of which parts that overlap count twice.
         mating_point: Position that the chaser's centre must reach, in the principal axes [m].
     """
 
