@@ -12,6 +12,7 @@ from algorithms import build, policies_of
 from dummy_environment import ONE, TEAM
 
 from safe_inspect.errors import ConfigError
+from safe_inspect.experiments.runs.cluster import largest_claim
 
 pytestmark = pytest.mark.ray
 
@@ -185,9 +186,18 @@ def test_keys_that_an_algorithm_does_not_have_are_reported_together() -> None:
     assert (second.message, second.path) == ("APPO has no key `taste`", "rllib_configs.taste")
 
 
-@pytest.mark.parametrize(("runners", "cpus", "claimed"), [(0, 1, 1.0), (2, 1, 3.0), (2, 2, 5.0)])
-def test_the_processors_that_a_training_claims(runners: int, cpus: int, claimed: float) -> None:
-    from safe_inspect.experiments.learning.algorithm import claimed_processors
+@pytest.mark.parametrize(
+    ("keys", "cpus", "gpus", "processes"),
+    [
+        ({"num_env_runners": 0}, 1.0, 0.0, 1),
+        ({"num_env_runners": 2}, 3.0, 0.0, 3),
+        ({"num_env_runners": 2, "num_cpus_per_env_runner": 2}, 5.0, 0.0, 3),
+        ({"num_env_runners": 0, "num_gpus_per_learner": 1}, 1.0, 1.0, 1),
+        ({"num_env_runners": 2, "num_gpus_per_env_runner": 0.5, "num_gpus_per_learner": 0.25}, 3.0, 1.25, 3),
+    ],
+)
+def test_the_resources_that_a_training_claims(keys: dict[str, Any], cpus: float, gpus: float, processes: int) -> None:
+    from safe_inspect.experiments.learning.algorithm import claimed_resources
 
-    config = build({"team": ONE}, num_env_runners=runners, num_cpus_per_env_runner=cpus)
-    assert claimed_processors(config) == claimed
+    claim = largest_claim([claimed_resources(build({"team": ONE}, **keys))])
+    assert (claim.resources["CPU"], claim.resources.get("GPU", 0.0), claim.processes) == (cpus, gpus, processes)

@@ -15,6 +15,7 @@ import pytest
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import cluster
+from safe_inspect.experiments.runs.cluster import Claim
 
 HERE = Path(__file__).parent
 
@@ -47,9 +48,9 @@ def test_only_a_folder_of_ours_is_removed(tmp_path, name, of_ray, gone):
 
 
 def test_a_training_that_would_wait_forever_is_refused():
-    cluster.check_size(4.0, 4.0)
+    cluster.check_size(Claim({"CPU": 4.0}), {"CPU": 4.0})
     with pytest.raises(ConfigError, match=r"needs 4\.5 processors, but Ray has 4; lower `num_env_runners`"):
-        cluster.check_size(4.5, 4.0)
+        cluster.check_size(Claim({"CPU": 4.5}), {"CPU": 4.0})
 
 
 def test_logs_that_cannot_be_copied_do_not_hide_the_error(tmp_path, monkeypatch):
@@ -155,13 +156,13 @@ def test_starting_ray_writes_nothing_into_the_home_folder(tmp_path):
     run.mkdir()
     code = (
         "import sys, os; from pathlib import Path\n"
-        "from safe_inspect.experiments.runs.cluster import ray_cluster, set_environment\n"
+        "from safe_inspect.experiments.runs.cluster import Claim, ray_cluster, set_environment\n"
         "from safe_inspect.experiments.modules.run_folder import RunFolder\n"
         "from safe_inspect.experiments.settings.translation import translate_ray\n"
         "set_environment()\n"
         "import ray\n"
         "for _ in range(2):\n"
-        "    with ray_cluster(translate_ray({}).settings, 1.0, RunFolder(Path(sys.argv[1]))):\n"
+        "    with ray_cluster(translate_ray({}).settings, Claim({'CPU': 1.0}), RunFolder(Path(sys.argv[1]))):\n"
         "        print(ray.get(ray.remote(lambda: 42).remote()))\n"
         "print('RAY_AUTH_TOKEN' in os.environ)"
     )

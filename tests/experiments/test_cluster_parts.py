@@ -17,6 +17,7 @@ from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError
 from safe_inspect.experiments.modules.run_folder import RunFolder
 from safe_inspect.experiments.runs import cluster
+from safe_inspect.experiments.runs.cluster import Claim
 from safe_inspect.experiments.settings.translation import translate_ray
 
 pytestmark = pytest.mark.ray
@@ -26,11 +27,14 @@ class FakeRay:
     """Notes how it is started; `running` is whether this process has a Ray already."""
 
     def __init__(self) -> None:
-        self.running, self.processors, self.calls = False, 4.0, list[Any]()
+        self.running, self.calls = False, list[Any]()
+        self.resources = {"CPU": 4.0}
         self.inside: dict[str, Any] = {}
 
     def init(self, **options: Any) -> None:
         self.calls.append(options)
+        if options["address"] == "local":
+            self.resources = {"CPU": options["num_cpus"]}
         self.inside = {name: os.environ.get(name) for name in ("PYTHONPATH", COMPILING_NOTE, "RAY_AUTH_TOKEN")}
         folder = Path(options["_temp_dir"]) if "_temp_dir" in options else None
         if folder is not None:
@@ -50,6 +54,10 @@ class FakeRay:
         self.calls.append("shutdown")
 
 
+def cpus(number: float) -> Claim:
+    return Claim({"CPU": number, "GPU": 0.0})
+
+
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> FakeRay:
     """Return the Ray that `cluster` finds."""
@@ -59,7 +67,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> FakeRay:
     monkeypatch.setattr(ray, "init", made.init)
     monkeypatch.setattr(ray, "shutdown", made.shutdown)
     monkeypatch.setattr(ray, "is_initialized", lambda: made.running)
-    monkeypatch.setattr(ray, "cluster_resources", lambda: {"CPU": made.processors})
+    monkeypatch.setattr(ray, "cluster_resources", lambda: made.resources)
     monkeypatch.setattr(os, "cpu_count", lambda: 3)
     for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_MODE", "RAY_ADDRESS"):
         monkeypatch.delenv(name, raising=False)
@@ -78,7 +86,7 @@ def test_a_local_ray_gets_its_settings_and_leaves_nothing(fake: FakeRay, tmp_pat
     folder.ray_note.write_text(str(old))  # of an attempt that was killed
     settings = translate_ray({"namespace": "mine", "num_gpus": 0, "resources": {"a": 1}, "logging_level": "warning"})
     path_before = os.environ.get("PYTHONPATH")
-    with cluster.ray_cluster(settings.settings, 2.5, folder):
+    with cluster.ray_cluster(settings.settings, cpus(2.5), folder):
         assert not old.exists()
         noted = Path(folder.ray_note.read_text())
         assert noted.is_dir()
@@ -101,28 +109,68 @@ def test_a_local_ray_gets_its_settings_and_leaves_nothing(fake: FakeRay, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("given", "cpus", "started"), [({}, 2.0, 3), ({}, 4.5, 5), ({"num_cpus": 8}, 2.0, 8), ({"num_cpus": 2}, 2.0, 2)]
+    ("given", "claimed", "started"), [({}, 2.0, 3), ({}, 4.5, 5), ({"num_cpus": 8}, 2.0, 8), ({"num_cpus": 2}, 2.0, 2)]
 )
 def test_a_local_ray_has_the_processors_that_the_run_claims(
-    fake: FakeRay, given: dict[str, Any], cpus: float, started: int
+    fake: FakeRay, given: dict[str, Any], claimed: float, started: int
 ) -> None:
-    with cluster.ray_cluster(translate_ray(given).settings, cpus, None):
+    with cluster.ray_cluster(translate_ray(given).settings, cpus(claimed), None):
         assert fake.calls[0]["num_cpus"] == started
 
 
 def test_what_does_not_fit_starts_nothing(fake: FakeRay, tmp_path: Path) -> None:
     given = translate_ray({"num_cpus": 2, "temporary_folder": str(tmp_path)}).settings
-    with pytest.raises(ConfigError, match="needs 3 processors, but Ray has 2"), cluster.ray_cluster(given, 3.0, None):
+    with (
+        pytest.raises(ConfigError, match="needs 3 processors, but Ray has 2"),
+        cluster.ray_cluster(given, cpus(3.0), None),
+    ):
         pass
     fake.running = True
-    with pytest.raises(ConfigError, match="needs 5 processors, but Ray has 4"), cluster.ray_cluster({}, 5.0, None):
+    with (
+        pytest.raises(ConfigError, match="needs 5 processors, but Ray has 4"),
+        cluster.ray_cluster({}, cpus(5.0), None),
+    ):
         pass
     assert not fake.calls
 
 
+@pytest.mark.parametrize(
+    ("given", "resources", "message", "starts"),
+    [
+        ({}, {"GPU": 1.0}, "num_gpus: the training needs 1 GPU, but Ray has 0; lower `num_gpus_per_learner`", True),
+        ({"num_gpus": 1}, {"GPU": 1.5}, "num_gpus: the training needs 1.5 GPUs, but Ray has 1; lower", False),
+        ({}, {"a": 2.0}, "resources: the training needs 2 `a`, but Ray has 0; lower it in rllib_configs", True),
+        ({"resources": {"a": 1}}, {"a": 2.0}, "resources: the training needs 2 `a`, but Ray has 1", False),
+    ],
+)  # fmt: skip
+def test_a_resource_that_ray_does_not_have_is_refused(
+    fake: FakeRay, given: dict[str, Any], resources: dict[str, float], message: str, starts: bool
+) -> None:
+    settings, claim = translate_ray(given).settings, Claim({"CPU": 1.0, **resources})
+    with pytest.raises(ConfigError, match=message), cluster.ray_cluster(settings, claim, None):
+        pass
+    assert fake.calls[1:] == ["shutdown"] * starts
+    fake.running, fake.resources = True, {"CPU": 1.0, **resources}
+    with cluster.ray_cluster(settings, claim, None):
+        pass
+
+
+@pytest.mark.parametrize(("given", "claimed", "warned"), [({}, 3.0, 0), ({}, 4.0, 1), ({"num_cpus": 9}, 4.0, 1)])
+def test_a_machine_with_fewer_processors_than_processes_is_named_before_ray_starts(
+    fake: FakeRay, recwarn: pytest.WarningsRecorder, given: dict[str, Any], claimed: float, warned: int
+) -> None:
+    with cluster.ray_cluster(translate_ray(given).settings, Claim({"CPU": claimed}, 4), None):
+        pass
+    texts = [str(warning.message) for warning in recwarn]
+    assert texts == warned * [
+        "the training claims 4 processors, but this machine has 3; its processes share them (4, of about 0.5 GB each); "
+        "if it is too slow, lower `num_env_runners` in rllib_configs"
+    ]
+
+
 def test_a_ray_of_the_process_is_used_and_left_running(fake: FakeRay) -> None:
     fake.running = True
-    with cluster.ray_cluster(translate_ray({}).settings, 4.0, None):
+    with cluster.ray_cluster(translate_ray({}).settings, cpus(4.0), None):
         pass
     assert not fake.calls
 
@@ -133,7 +181,7 @@ def test_the_logs_of_a_run_that_fails_are_kept(
 ) -> None:
     folder = run_of(tmp_path)
     monkeypatch.setattr(cluster, "is_full", lambda path: full)
-    with pytest.raises(RuntimeError, match="lost"), cluster.ray_cluster(translate_ray({}).settings, 1.0, folder):
+    with pytest.raises(RuntimeError, match="lost"), cluster.ray_cluster(translate_ray({}).settings, cpus(1.0), folder):
         raise RuntimeError("lost")
     assert {path.name: path.read_text() for path in folder.path.glob("ray_logs/*")} == kept
     assert fake.calls[-1] == "shutdown"
@@ -144,11 +192,11 @@ def test_a_cluster_is_joined_and_left(fake: FakeRay) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
         settings = translate_ray({"address": address, "runtime_env": {"a": "b"}}).settings
-        with cluster.ray_cluster(settings, 4.0, None):
+        with cluster.ray_cluster(settings, cpus(4.0), None):
             joined = {"address": address, "log_to_driver": False, "runtime_env": {"a": "b"}, "logging_level": "ERROR"}
             assert fake.calls == [joined]
         assert fake.calls == [joined, "shutdown"]
-        with pytest.raises(ConfigError, match=r"needs 4\.1 processors"), cluster.ray_cluster(settings, 4.1, None):
+        with pytest.raises(ConfigError, match=r"needs 4\.1 processors"), cluster.ray_cluster(settings, cpus(4.1), None):
             pass
         assert fake.calls == [joined, "shutdown", joined, "shutdown"]
 
@@ -160,7 +208,10 @@ def test_why_a_cluster_cannot_be_joined_is_in_its_last_line(fake: FakeRay, monke
         raise RuntimeError("a story") from ValueError("first\nthe reason \n\n")
 
     monkeypatch.setattr(ray, "init", refuse)
-    with pytest.raises(ConfigError) as caught, cluster.ray_cluster({"address": "head", "logging_level": "x"}, 1, None):
+    with (
+        pytest.raises(ConfigError) as caught,
+        cluster.ray_cluster({"address": "head", "logging_level": "x"}, cpus(1), None),
+    ):
         pass
     (problem,) = caught.value.problems
     assert (problem.path, problem.message) == (

@@ -151,11 +151,11 @@ def _check_decisions(settings: Mapping[str, Any], texts: Mapping[str, Mapping[st
         raise ConfigError(Problem(message, f"rllib_configs.{wrong[0]}", hint=hint))
 
 
-def claimed_processors(config: AlgorithmConfig) -> float:
-    """Return the number of logical processors that a trial needs."""
+def claimed_resources(config: AlgorithmConfig) -> list[dict[str, float]]:
+    """Return the resources, such as CPU and GPU, of each process of a trial."""
     trainable: Any = config.algo_class
     request = trainable.default_resource_request(config.copy(copy_frozen=False))
-    return float(sum(bundle.get("CPU", 0.0) for bundle in request.bundles))
+    return [dict(bundle) for bundle in request.bundles]
 
 
 def register_environments(maker: str = DEFAULT_MAKER) -> None:

@@ -14,11 +14,12 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from safe_inspect.compiling import COMPILING_NOTE
 from safe_inspect.errors import ConfigError, Problem
@@ -47,10 +48,49 @@ _ENVIRONMENT = {
 #: Prefixes of the names of Ray's logs that are kept after a failed training.
 _LOGS = ("worker-", "raylet", "python-core-driver")
 
+#: Resources of Ray: their name in messages, the key of `ray_config`, and a hint.
+_SCARCE = {
+    "CPU": (
+        "processors",
+        "num_cpus",
+        "lower `num_env_runners` or `num_cpus_per_env_runner` in rllib_configs, or raise `num_cpus`",
+    ),
+    "GPU": (
+        "GPUs",
+        "num_gpus",
+        "lower `num_gpus_per_learner` or `num_gpus_per_env_runner` in rllib_configs, or train where there are GPUs",
+    ),
+}
+
 #: Longest time that a local Ray may take to start [s].
 _LONGEST_START = 120.0
 
 _token = ""
+
+
+class Claim(NamedTuple):
+    """What a run needs.
+
+    Attributes:
+        resources: Amount of each resource by Ray's name of it, such as CPU or GPU.
+        processes: Number of processes.
+    """
+
+    resources: Mapping[str, float]
+    processes: int = 1
+
+
+def largest_claim(trials: Collection[Sequence[Mapping[str, float]]]) -> Claim:
+    """Return what the largest trial of a training needs, for each resource separately.
+
+    Args:
+        trials: For each trial, the resources of each of its processes.
+    """
+    names = sorted({name for processes in trials for process in processes for name in process})
+    resources = {
+        name: max(sum(process.get(name, 0.0) for process in processes) for processes in trials) for name in names
+    }
+    return Claim(resources, max(map(len, trials)))
 
 
 def set_environment() -> None:
@@ -60,7 +100,7 @@ def set_environment() -> None:
 
 
 @contextmanager
-def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | None) -> Iterator[None]:
+def ray_cluster(settings: Mapping[str, Any], claim: Claim, folder: RunFolder | None) -> Iterator[None]:
     """Provide Ray within a context.
 
     A Ray that this process has already started is used and left running, as is the cluster that `address` names.
@@ -68,7 +108,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
 
     Args:
         settings: From `translate_ray`.
-        cpus: Number of logical processors that the run needs.
+        claim: What the run needs.
         folder: The run's folder, which records the path of Ray's folder and receives Ray's logs if the run fails. None
             for a run without a folder.
 
@@ -78,7 +118,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
     import ray
 
     if ray.is_initialized():
-        check_size(cpus, _processors())
+        check_size(claim, _resources())
         yield
         return
     common = {
@@ -86,10 +126,17 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
     } | {"logging_level": settings["logging_level"].upper()}
     address = settings.get("address") or "local"
     if address != "local":
-        yield from _attached(address, common, cpus)
+        yield from _attached(address, common, claim)
         return
-    available = settings.get("num_cpus") or max(os.cpu_count() or 1, math.ceil(cpus))
-    check_size(cpus, available)
+    check_given(claim, settings)
+    cpus, machine = claim.resources.get("CPU", 0.0), os.cpu_count() or 1
+    available = settings.get("num_cpus") or max(machine, math.ceil(cpus))
+    if cpus > machine:
+        shared = f"the training claims {cpus:g} processors, but this machine has {machine}; its processes share them "
+        remedy = (
+            f"({claim.processes}, of about 0.5 GB each); if it is too slow, lower `num_env_runners` in rllib_configs"
+        )
+        warnings.warn(shared + remedy, stacklevel=4)
     temporary = _temporary_folder(settings.get("temporary_folder"))
     if folder is not None:
         _remove_leftovers(folder)
@@ -107,6 +154,7 @@ def ray_cluster(settings: Mapping[str, Any], cpus: float, folder: RunFolder | No
                     **local,
                     **common,
                 )
+            check_size(claim, _resources())
             yield
     except Exception:
         if folder is not None and not is_full(folder.path):
@@ -197,7 +245,7 @@ def _outliving_signals() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[None]:
+def _attached(address: str, common: Mapping[str, Any], claim: Claim) -> Iterator[None]:
     import ray
 
     try:
@@ -211,7 +259,7 @@ def _attached(address: str, common: Mapping[str, Any], cpus: float) -> Iterator[
         hint = "start one with `ray start --head`, set RAY_AUTH_MODE=token if it requires a token, or remove `address`"
         raise ConfigError(Problem(message, "ray_config.address", hint=hint)) from error
     try:
-        check_size(cpus, _processors())
+        check_size(claim, _resources())
         yield
     finally:
         ray.shutdown()  # disconnects from the cluster without stopping it
@@ -274,19 +322,36 @@ def _inherited(variables: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _processors() -> float:
+def _resources() -> dict[str, float]:
     import ray
 
-    resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
-    return float(resources.get("CPU", 0.0))
+    found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+    return found
 
 
-def check_size(needed: float, available: float) -> None:
-    """Raise ConfigError if Ray has too few processors for a training, because Tune would wait for them forever."""
-    if needed > available:
-        message = f"the training needs {needed:g} processors, but Ray has {available:g}"
-        hint = "lower `num_env_runners` or `num_cpus_per_env_runner` in rllib_configs, or raise `num_cpus`"
-        raise ConfigError(Problem(message, "ray_config.num_cpus", hint=hint))
+def check_given(claim: Claim, settings: Mapping[str, Any]) -> None:
+    """Raise ConfigError if the keys of `ray_config` give a local Ray less than a training needs.
+
+    Args:
+        claim: What the training needs.
+        settings: From `translate_ray`. Ray finds the resources without a key when it starts.
+    """
+    given = {"CPU": settings.get("num_cpus") or None, "GPU": settings.get("num_gpus")}
+    available = {name: amount for name, amount in given.items() if amount is not None}
+    available |= settings.get("resources") or {}
+    check_size(Claim({name: amount for name, amount in claim.resources.items() if name in available}), available)
+
+
+def check_size(claim: Claim, available: Mapping[str, float]) -> None:
+    """Raise ConfigError if Ray has too little of a resource for a training, because Tune would wait for it forever."""
+    for name, needed in claim.resources.items():
+        has = available.get(name, 0.0)
+        if needed > has:
+            other = (f"`{name}`", "resources", "lower it in rllib_configs, or add it to `resources`")
+            units, key, hint = _SCARCE.get(name, other)
+            units = units.removesuffix("s") if needed == 1 else units
+            message = f"the training needs {needed:g} {units}, but Ray has {has:g}"
+            raise ConfigError(Problem(message, f"ray_config.{key}", hint=hint))
 
 
 def _temporary_folder(parent: str | None) -> Path:
@@ -354,7 +419,7 @@ class RayFlights:
         import ray  # slow to import
 
         settings = translate_ray({"address": self.address, "num_cpus": self.workers}).settings
-        with ray_cluster(settings, 1.0, None):
+        with ray_cluster(settings, Claim({"CPU": 1.0}), None):
             fly = ray.remote(num_cpus=1)(fly_mission)
             shared = ray.put(tree)
             missing = list(reversed(numbers))

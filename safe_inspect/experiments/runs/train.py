@@ -82,7 +82,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
     from safe_inspect.experiments.runs import tune_run  # loads Ray and Torch
 
     # Keys that only the loaded Ray knows are checked before anything is written.
-    processors = tune_run.check(run, settings)
+    claim = tune_run.check(run, settings)
     with ExitStack() as stack:
         folder, start = _open(run, settings, learning, stack, stream)
         reached = [] if start is None else _reached(start, settings.tune.settings["stop"])
@@ -92,7 +92,7 @@ def train(run: TrainingRun, stream: TextIO | None = None) -> TrainingResult:
             print(f"{text}, as in {more}", file=stream)
             return TrainingResult(folder.path, start.path, start.iteration, start.steps, 0.0, {}, False)
         try:
-            monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream, processors)
+            monitor = tune_run.run_tune(run, settings, folder, digest(learning), start, stream, claim)
         except ConfigError:
             if run.resume is None:  # nothing has been trained, so the folder is removed
                 shutil.rmtree(folder.path, ignore_errors=True)

@@ -22,7 +22,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
-from safe_inspect.experiments.learning.algorithm import build_config, claimed_processors, register_environments
+from safe_inspect.experiments.learning.algorithm import build_config, claimed_resources, register_environments
 from safe_inspect.experiments.modules.checkpoints import Checkpoint
 from safe_inspect.experiments.modules.policy import check_frozen
 from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text
@@ -167,13 +167,13 @@ def _trial_name(trial: Any) -> str:
     return trial.storage.trial_dir_name or folder_name(trial)
 
 
-def check(run: TrainingRun, settings: Settings) -> float:
+def check(run: TrainingRun, settings: Settings) -> cluster.Claim:
     """Check what can only be checked once RLlib is loaded: keys of other algorithms than PPO, and value combinations.
 
     With several agents, also check that the policies match their agents.
 
     Returns:
-        The number of processors that the largest trial needs.
+        What the largest trial needs.
 
     Raises:
         ConfigError: RLlib does not accept a key or a value, or a policy does not match its agents.
@@ -188,10 +188,10 @@ def check(run: TrainingRun, settings: Settings) -> float:
             raise ConfigError(problems)
         check_frozen(settings.policies, groups)
     configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
-    needed = max(map(claimed_processors, configs))
+    claim = cluster.largest_claim([claimed_resources(config) for config in configs])
     tune_objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))
-    cluster.check_size(needed, settings.ray.settings.get("num_cpus") or math.inf)
-    return needed
+    cluster.check_given(claim, settings.ray.settings)
+    return claim
 
 
 def run_tune(
@@ -201,7 +201,7 @@ def run_tune(
     digest: str,
     start: Checkpoint | None,
     stream: TextIO,
-    processors: float,
+    claim: cluster.Claim,
 ) -> Monitor:
     """Train until a limit is reached, and return the monitor, which contains the last iteration.
 
@@ -212,7 +212,7 @@ def run_tune(
         digest: Hash of the learning configuration.
         start: The checkpoint from which the training continues; None for a new training or a search.
         stream: Stream for the progress.
-        processors: Number of processors that the largest trial needs, from `check`.
+        claim: What the largest trial needs, from `check`.
 
     Raises:
         ConfigError: A key or a value is not accepted.
@@ -245,7 +245,7 @@ def run_tune(
     compiles = "code that is not compiled yet on this installation is compiled first, which can take some minutes"
     text = f"{folder.path}: the training {where}; {compiles}; Ray takes some seconds to start"
     print(text, file=stream, flush=True)
-    with monitor.heartbeat, cluster.ray_cluster(settings.ray.settings, processors, folder), monitored(monitor):
+    with monitor.heartbeat, cluster.ray_cluster(settings.ray.settings, claim, folder), monitored(monitor):
         _quiet()  # starting Ray resets its log levels
         register_environments(run.maker)
         tuner = _tuner(configs, settings, monitor, number, run.resume is not None)
