@@ -7,7 +7,7 @@ import sys
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.learning import flight_note, learning_problems, placed
 from safe_inspect.errors import ConfigError
-from safe_inspect.experiments.runs.training_run import Settings, read_settings, unfit_weights
+from safe_inspect.experiments.runs.training_run import Settings, read_settings, unfit_policies, unfit_weights
 from safe_inspect.experiments.settings.search import searches_of
 
 
@@ -27,7 +27,7 @@ def checked_settings(experiment: Experiment) -> Settings:
         raise ConfigError(placed(experiment, problems))
     for note in filter(None, (*settings.notes, flight_note(experiment))):
         print(f"note: {note}", file=sys.stderr)
-    problems = unfit_weights(experiment, settings)
+    problems = [*unfit_policies(experiment, settings), *unfit_weights(experiment, settings)]
     if any(settings.tune.settings.get(key) for key in ("scheduler", "search_alg", "callbacks")):
         try:
             from safe_inspect.experiments.runs.tune_objects import check_objects  # loads Ray

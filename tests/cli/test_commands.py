@@ -303,6 +303,21 @@ def test_what_only_the_training_would_meet_is_found_by_validate(typed, override,
     assert typed("validate", shipped, "scheduler=ray.tune.schedulers.ASHAScheduler")[0] == 0
 
 
+def test_policies_that_do_not_fit_their_agents_are_found_by_validate(typed, tmp_path):
+    file = tmp_path / "team.yml"
+    file.write_text(
+        "- !include configs/multiagent-translational-inspection/experiment.yml\n"
+        "- agent_config+:\n"
+        "  - {name: red_ctrl, platforms: [red], config: !include configs/translational-inspection/agent.yml ,\n"
+        "     policy: {checkpoint: nofolder}}\n"
+        "  platform_config+: [{name: red, config: !include configs/translational-inspection/platform.yml }]\n"
+    )
+    for words in (("validate", file), ("train", file, "--dry-run")):
+        code, out, err = typed(*map(str, words))
+        assert (code, out) == (2, "")
+        assert err == f"error: {file.name}:4 agent_config[1].policy.checkpoint: nofolder: there is no such checkpoint\n"
+
+
 def test_a_shipped_policy_is_exported_already(typed):
     code, _, err = typed("export", "docking")
     assert code == 2

@@ -32,6 +32,18 @@ def chosen(choices):
     return Layout(tuple("XYZ"), np.zeros(3), np.array(choices) - 1.0, tuple(choices))
 
 
+def agent_of(observation, action):
+    """Return an agent with one glue for each of its layouts."""
+
+    def glue_of(made):
+        glue = SimpleNamespace(names=lambda parts: made.names, bounds=lambda parts: (made.low, made.high))
+        glue.choices = lambda parts: made.choices or (0,) * made.size
+        glue.leaves = lambda: [glue]
+        return glue
+
+    return SimpleNamespace(parts=None, observation_glues=[glue_of(observation)], action_glues=[glue_of(action)])
+
+
 def pushes_of(group, action):
     """Return the push of each agent, from -1 to 1, shape (N, G)."""
     action = np.asarray(action, np.float64)
@@ -75,6 +87,7 @@ class DummyTeam:
                 observation_layout=layout(entry["size"], np.inf),
                 action_layout=chosen(entry["choices"]) if "choices" in entry else layout(3, 1.0),
             )
+            group.agent = agent_of(group.observation_layout, group.action_layout)
             self.groups.append(group)
             first += group.size
         self.safety_filter = None

@@ -113,11 +113,11 @@ def test_recurrent_policies_are_exported_and_distributions_of_returns_are_not(tm
 
 def test_it_does_not_fly_with_policies_that_learn(run):
     from safe_inspect.config.spec import PolicySpec
-    from safe_inspect.experiments.modules.policy import check_frozen
+    from safe_inspect.experiments.modules.checkpoints import check_frozen
 
     frozen = PolicySpec("old", ("blue0_ctrl",), "", {}, checkpoint=str(find_newest(run)[0].path))
     with pytest.raises(CheckpointError, match="policies of SAC and DQN cannot be combined with policies that learn"):
-        check_frozen({"old": frozen}, [])
+        check_frozen(frozen, {})
 
 
 def test_the_shipped_file_is_built_with_one_choice():

@@ -19,7 +19,7 @@ from safe_inspect.config.elements import element_columns
 from safe_inspect.config.experiment import load_experiment
 from safe_inspect.environments.layout import action_layout
 from safe_inspect.evaluation.onnx_policy import OnnxPolicy
-from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_weights
+from safe_inspect.experiments.runs.training_run import TrainingRun, read_settings, unfit_policies, unfit_weights
 from safe_inspect.experiments.settings.policies import policy_info
 from safe_inspect.version import __version__
 
@@ -237,6 +237,19 @@ def test_weights_that_do_not_fit_their_policy_are_reported(
         assert [problem.path for problem in found] == [f"{where}.model_config.initial_weights" for where, _ in shown]
     for problem in found:
         assert problem.message.startswith(shown[0][1])
+
+
+def test_agents_with_other_observations_cannot_share_a_policy() -> None:
+    path = configs_root() / "multiagent-translational-inspection" / "experiment.yml"
+    experiment = load_experiment(path, ["blue#_ctrl.policy_name=shared"])
+    settings = read_settings({"algorithm": "PPO"}, {}, {}, tuple(experiment.policies.values()))
+    assert not unfit_policies(experiment, settings)
+    first, *others = experiment.spec.agents
+    narrow = dataclasses.replace(first, observation_glues=first.observation_glues[:-1])
+    spec = dataclasses.replace(experiment.spec, agents=(narrow, *others))
+    found = unfit_policies(dataclasses.replace(experiment, spec=spec), settings)
+    assert [problem.path for problem in found] == ["policies.shared"] * 2
+    assert "blue0_ctrl and blue2_ctrl share the policy shared, but their observations differ" in found[1].message
 
 
 def test_what_a_training_is_unless_more_is_given() -> None:

@@ -14,12 +14,11 @@ from random_checkpoint import SHIPPED, TEAM, discrete, experiment_of, make_modul
 from ray.rllib.core.columns import Columns
 
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.environments import TeamEnvironment
 from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import ArgumentError, CheckpointError, SafeInspectError
-from safe_inspect.experiments.modules import policy, sources
-from safe_inspect.experiments.modules.checkpoints import known_info
-from safe_inspect.experiments.modules.policy import FrozenPolicy, TrainedPolicy, check_frozen, frozen_spec
+from safe_inspect.experiments.modules import checkpoints, policy, sources
+from safe_inspect.experiments.modules.checkpoints import check_frozen, known_info
+from safe_inspect.experiments.modules.policy import FrozenPolicy, TrainedPolicy, frozen_spec
 from safe_inspect.experiments.modules.saved_policy import BestChoices, TorchHurdle, distribution_of_module
 from safe_inspect.experiments.modules.sources import LoadedPolicy, load_policy
 from safe_inspect.experiments.modules.tanh_net import LEAST_ROWS, PolicyNet
@@ -276,24 +275,24 @@ def test_frozen_policies_fit_the_agents_that_they_fly(
     checkpoint: Path, continuous: Any, levels: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     agent = continuous.spec.agents[0].name
-    groups, others = (TeamEnvironment(one.spec, 1).groups for one in (continuous, levels))
-    check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
-    check_frozen({"new": PolicySpec("new", (agent,), "PPO", {})}, others)
+    mine, others = ({agent: one.spec.agents[0]} for one in (continuous, levels))
+    check_frozen(frozen_of(checkpoint, agent), mine)
+    check_frozen(PolicySpec("new", (agent,), "PPO", {}), others)
     with pytest.raises(CheckpointError, match="action"):
-        check_frozen({"old": frozen_of(checkpoint, agent)}, others)
-    units = TeamEnvironment(experiment_of(scaled, SHIPPED).spec, 1).groups  # as many elements, which mean other things
+        check_frozen(frozen_of(checkpoint, agent), others)
+    units = {agent: experiment_of(scaled, SHIPPED).spec.agents[0]}  # as many elements, which mean other things
     with pytest.raises(CheckpointError):
-        check_frozen({"old": frozen_of(checkpoint, agent)}, units)
-    read = policy.read_weights
+        check_frozen(frozen_of(checkpoint, agent), units)
+    read = checkpoints.read_weights
     for name in ("choices", "twin_q"):
 
         def marked(path: Path, name: str = name) -> Any:
             weights = read(path)
             return type(weights)(**{**vars(weights), "model": {**weights.model, name: True}})
 
-        monkeypatch.setattr(policy, "read_weights", marked)
+        monkeypatch.setattr(checkpoints, "read_weights", marked)
         with pytest.raises(CheckpointError, match="PPO"):
-            check_frozen({"old": frozen_of(checkpoint, agent)}, groups)
+            check_frozen(frozen_of(checkpoint, agent), mine)
 
 
 def test_a_checkpoint_gives_its_policy(checkpoint: Path, continuous: Any) -> None:

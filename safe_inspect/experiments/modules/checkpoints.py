@@ -17,7 +17,7 @@ import os
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,10 @@ from gymnasium.spaces import Box, MultiDiscrete, Space
 from safetensors import SafetensorError, safe_open
 
 from safe_inspect.config.elements import ObservedElement, difference_of
+from safe_inspect.config.spec import AgentSpec, PolicySpec
+from safe_inspect.environments.layout import action_layout, observation_layout
 from safe_inspect.errors import CheckpointError, did_you_mean
-from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo
+from safe_inspect.evaluation.policy_file import POLICY_FORMAT, PolicyInfo, check_layout
 from safe_inspect.evaluation.shipped import shipped_policies, shipped_policy
 from safe_inspect.experiments.modules.run_folder import PARAMETERS, RunFolder, parameters_text
 from safe_inspect.outputs import new_file
@@ -46,6 +48,10 @@ WEIGHTS = "policy.safetensors"
 
 #: Key of `model_config` for the metadata of `PolicyInfo`.
 INFO = "policy_info"
+#: Key of RLlib's `model_config` that only SAC policies have: whether there are two Q-functions.
+TWIN_Q = "twin_q"
+#: This package's key in the `model_config` of DQN policies: the number of values of each element of the action.
+CHOICES = "choices"
 #: Suffix of the name of the weights of a net's first layer; the name of its bias ends in "bias".
 _FIRST = ".net.mlp.0.weight"
 # Prefixes of the saved arrays; the target networks of APPO and DQN and the Q-functions of SAC are not saved.
@@ -85,7 +91,8 @@ class Checkpoint:
         """
         path = Path(path)
         if not path.is_dir():
-            raise CheckpointError(f"{path}: there is no such checkpoint")
+            what = "this is a file, not the folder of a checkpoint" if path.exists() else "there is no such checkpoint"
+            raise CheckpointError(f"{path}: {what}")
         try:
             seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
             checkpoint = cls(
@@ -344,6 +351,43 @@ def read_weights(folder: Path) -> Weights:
         return Weights(arrays, _space(net["observation_space"]), _space(net["action_space"]), model)
     except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError, AssertionError) as error:
         raise CheckpointError(f"{path}: the weights are damaged ({error}); use another checkpoint") from None
+
+
+def frozen_folder(policy: PolicySpec) -> Path:
+    """Return the folder of a policy that is not trained, in its checkpoint; see `policy_folder` for the errors."""
+    return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)
+
+
+def check_frozen(policy: PolicySpec, agents: Mapping[str, AgentSpec]) -> None:
+    """Check that the checkpoint of a policy that is not trained exists and matches its agents.
+
+    Args:
+        policy: The policy; one that is trained has no checkpoint to check.
+        agents: The agents by name.
+
+    Raises:
+        CheckpointError: The checkpoint is missing, damaged or of another task.
+    """
+    if policy.trains:
+        return
+    weights = read_weights(frozen_folder(policy))
+    if {CHOICES, TWIN_Q} & weights.model.keys():
+        raise CheckpointError(
+            f"{policy.checkpoint}: policies of SAC and DQN cannot be combined with policies that learn; give one of PPO"
+        )
+    for name in policy.agents:
+        agent = agents[name]
+        for what, space, layout in (
+            ("observation", weights.observation_space, observation_layout(agent)),
+            ("action", weights.action_space, action_layout(agent)),
+        ):
+            if space.shape != (layout.size,) or isinstance(space, MultiDiscrete) != bool(layout.choices):
+                raise CheckpointError(
+                    f"{policy.checkpoint}: the policy of {name} has {space.shape[0]} elements of {what}, but the "
+                    f"agent has {layout.size}; give a checkpoint with the same glues"
+                )
+        if weights.info is not None:
+            check_layout(str(policy.checkpoint), weights.info, replace(agent, name=name))
 
 
 def initial_weights(source: str) -> Weights:

@@ -10,9 +10,8 @@ import json
 import logging
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,19 +27,23 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 
 from safe_inspect.config.keys.rllib_keys import FRESH_KEYS
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.environments.facades.spaces import action_space, box
-from safe_inspect.environments.group import AgentGroup
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
 from safe_inspect.evaluation.policies import Flight, require_finite_rows
-from safe_inspect.evaluation.policy_file import check_layout
 from safe_inspect.evaluation.shipped import shipped_policies
-from safe_inspect.experiments.modules.checkpoints import INFO, Weights, policy_folder, read_weights, starting_weights
-from safe_inspect.experiments.modules.saved_policy import (
+from safe_inspect.experiments.modules.checkpoints import (
     CHOICES,
+    INFO,
+    TWIN_Q,
+    Weights,
+    frozen_folder,
+    policy_folder,
+    read_weights,
+    starting_weights,
+)
+from safe_inspect.experiments.modules.saved_policy import (
     COASTS,
     DQN_MODEL_KEYS,
     HURDLE,
-    TWIN_Q,
     AppoPolicy,
     DqnPolicy,
     HurdleCatalog,
@@ -237,7 +240,7 @@ class FrozenPolicy(FreshPolicy):
 
 def frozen_spec(policy: PolicySpec) -> RLModuleSpec:
     """Return RLlib's specification of a policy that is loaded from a checkpoint."""
-    folder = _source(policy)
+    folder = frozen_folder(policy)
     weights = read_weights(folder)
     return RLModuleSpec(
         module_class=FrozenPolicy,
@@ -245,42 +248,6 @@ def frozen_spec(policy: PolicySpec) -> RLModuleSpec:
         action_space=weights.action_space,
         model_config={**weights.model, "initial_weights": None, _SOURCE: str(folder)},
     )
-
-
-def check_frozen(policies: Mapping[str, PolicySpec], groups: Sequence[AgentGroup]) -> None:
-    """Check that each policy that is loaded from a checkpoint exists and matches its agents.
-
-    Raises:
-        CheckpointError: A checkpoint is missing, damaged or of another task.
-    """
-    group_of = {agent: group for group in groups for agent in group.agents}
-    for policy in policies.values():
-        if policy.trains:
-            continue
-        weights = read_weights(_source(policy))
-        if {CHOICES, TWIN_Q} & weights.model.keys():
-            raise CheckpointError(
-                f"{policy.checkpoint}: policies of SAC and DQN cannot be combined with policies that learn; "
-                "give one of PPO"
-            )
-        for agent in policy.agents:
-            group = group_of[agent]
-            spaces = (
-                ("observation", weights.observation_space, box(group.observation_layout)),
-                ("action", weights.action_space, action_space(group.action_layout)),
-            )
-            for what, space, wanted in spaces:
-                if space.shape != wanted.shape or type(space) is not type(wanted):
-                    raise CheckpointError(
-                        f"{policy.checkpoint}: the policy of {agent} has {space.shape[0]} elements of {what}, but the "
-                        f"agent has {wanted.shape[0]}; give a checkpoint with the same glues"
-                    )
-            if weights.info is not None:
-                check_layout(str(policy.checkpoint), weights.info, replace(group.agent, name=agent))
-
-
-def _source(policy: PolicySpec) -> Path:
-    return policy_folder(policy.checkpoint or "", policy.source_policy, policy.name)
 
 
 class TrainedPolicy:

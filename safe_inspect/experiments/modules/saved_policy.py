@@ -31,14 +31,10 @@ from ray.rllib.core.rl_module.rl_module import RLModule
 
 from safe_inspect.environments.facades.spaces import flat_space
 from safe_inspect.errors import CheckpointError, ConfigError, Problem
-from safe_inspect.experiments.modules.checkpoints import WEIGHTS, pack
+from safe_inspect.experiments.modules.checkpoints import CHOICES, WEIGHTS, pack
 from safe_inspect.random.action_draws import Categorical, Distribution, Gaussian, Greedy, Hurdle, SquashedGaussian
 from safe_inspect.types import AnyArray
 
-#: Key of RLlib's `model_config` that only SAC policies have: whether there are two Q-functions.
-TWIN_Q = "twin_q"
-#: This package's key in the `model_config` of DQN policies: the number of values of each element of the action.
-CHOICES = "choices"
 #: Keys of `model_config` that only DQN policies have.
 DQN_MODEL_KEYS = frozenset({CHOICES, "double_q", "dueling", "epsilon", "num_atoms", "std_init", "v_max", "v_min"})
 _MOST = 4096

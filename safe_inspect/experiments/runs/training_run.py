@@ -10,9 +10,9 @@ from typing import Any
 from safe_inspect import errors
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import PolicySpec
-from safe_inspect.experiments.modules.checkpoints import INFO, starting_weights
+from safe_inspect.experiments.modules.checkpoints import INFO, check_frozen, starting_weights
 from safe_inspect.experiments.settings.key_tables import TranslatedSettings
-from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, policy_info, read_policies
+from safe_inspect.experiments.settings.policies import DEFAULT_MAKER, check_layouts, policy_info, read_policies
 from safe_inspect.experiments.settings.search import Trial, search_problems, searches_of, trials_of
 from safe_inspect.experiments.settings.translation import translate_ray, translate_rllib, translate_tune
 
@@ -111,6 +111,23 @@ def read_settings(
         (*translated.notes, *notes, *tuned.notes, *joined.notes),
         (*translated.problems, *wrong, *problems, *tuned.problems, *joined.problems),
     )
+
+
+def unfit_policies(experiment: Experiment, settings: Settings) -> list[errors.Problem]:
+    """Return a problem for each policy that cannot control all its agents, or whose checkpoint cannot be read.
+
+    Args:
+        experiment: The experiment.
+        settings: From `read_settings`, without problems.
+    """
+    agents = {agent.name: agent for agent in experiment.spec.controlled}
+    problems = check_layouts(settings.policies, agents)
+    for name, policy in settings.policies.items():
+        try:
+            check_frozen(policy, agents)
+        except errors.CheckpointError as error:
+            problems.append(errors.Problem(str(error), f"policies.{name}.checkpoint"))
+    return problems
 
 
 def unfit_weights(experiment: Experiment, settings: Settings) -> list[errors.Problem]:

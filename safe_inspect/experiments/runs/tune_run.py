@@ -23,8 +23,7 @@ from ray.rllib.algorithms.algorithm_config import AlgorithmConfig
 from safe_inspect import errors
 from safe_inspect.errors import CheckpointError, ConfigError, SafeInspectError
 from safe_inspect.experiments.learning.algorithm import build_config, claimed_resources, register_environments
-from safe_inspect.experiments.modules.checkpoints import Checkpoint
-from safe_inspect.experiments.modules.policy import check_frozen
+from safe_inspect.experiments.modules.checkpoints import Checkpoint, check_frozen
 from safe_inspect.experiments.modules.run_folder import RunFolder, parameters_text
 from safe_inspect.experiments.runs import cluster, tune_objects
 from safe_inspect.experiments.runs.progress import Heartbeat, TrainingLog, TrainingProgress, flatten
@@ -183,10 +182,12 @@ def check(run: TrainingRun, settings: Settings) -> cluster.Claim:
     environments = environment_settings(run.experiment, settings.trials[0].rllib.settings, maker=run.maker)
     if settings.policies:
         groups = environment.build_team(environments, 1, 0, False).groups
-        problems = check_layouts(settings.policies, groups)
+        agents = {name: group.agent for group in groups for name in group.agents}
+        problems = check_layouts(settings.policies, agents)
         if problems:
             raise ConfigError(problems)
-        check_frozen(settings.policies, groups)
+        for policy in settings.policies.values():
+            check_frozen(policy, agents)
     configs = [build_config(trial.rllib, environments, settings.policies) for trial in settings.trials]
     claim = cluster.largest_claim([claimed_resources(config) for config in configs])
     tune_objects.check_objects(settings.tune.settings, searches_of(settings.rllib.settings))

@@ -12,8 +12,7 @@ import numpy as np
 from safe_inspect.config.elements import commanded_elements, observed_elements
 from safe_inspect.config.experiment import Experiment
 from safe_inspect.config.spec import AgentSpec, PolicySpec
-from safe_inspect.environments.group import AgentGroup
-from safe_inspect.environments.layout import Layout, action_layout
+from safe_inspect.environments.layout import Layout, action_layout, observation_layout
 from safe_inspect.errors import Problem
 from safe_inspect.evaluation.policy_file import PolicyInfo
 from safe_inspect.experiments.settings.translation import translate_policy
@@ -76,16 +75,11 @@ def read_policies(
     return found, notes, problems
 
 
-def check_layouts(policies: Mapping[str, PolicySpec], groups: Sequence[AgentGroup]) -> list[Problem]:
+def check_layouts(policies: Mapping[str, PolicySpec], agents: Mapping[str, AgentSpec]) -> list[Problem]:
     """Return a problem for each agent whose layouts differ from those of the first agent of the same policy."""
-    layouts = {
-        agent: (group.observation_layout, group.action_layout)
-        for group in groups
-        if not group.scripted
-        for agent in group.agents
-    }
     problems = []
     for policy in policies.values():
+        layouts = {agent: (observation_layout(agents[agent]), action_layout(agents[agent])) for agent in policy.agents}
         first, *others = policy.agents
         for agent in others:
             for what, mine, its in zip(("observation", "action"), layouts[first], layouts[agent], strict=True):
