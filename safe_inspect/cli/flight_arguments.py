@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from safe_inspect.cli.arguments import add_compute_platform, add_option, equals_hint, is_override, positive, seed
 from safe_inspect.cli.flights import NUM_ENVS, AnyCandidate, open_pilot
+from safe_inspect.cli.streams import print_error
 from safe_inspect.errors import SafeInspectError
 from safe_inspect.evaluation.baselines import read_reference
 from safe_inspect.evaluation.results.results import Evaluation
 from safe_inspect.evaluation.task import read_metrics
-from safe_inspect.experiments.modules.sources import SHIPPED, Wanted, open_candidates
+from safe_inspect.experiments.modules.sources import SHIPPED, Candidate, Wanted, open_candidates
 from safe_inspect.metrics import BaseMetric
 from safe_inspect.types import FloatArray
 
@@ -46,6 +47,15 @@ def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
     add_compute_platform(parser)
 
 
+def _print_unused(candidate: Candidate) -> None:
+    """Print the agents whose checkpoint is not used, because a single policy flies all agents."""
+    flown = candidate.policies
+    unused = [name for one in candidate.experiment.policies.values() if not one.trains for name in one.agents]
+    if unused and (not isinstance(flown, Mapping) or len({id(policy) for policy in flown.values()}) == 1):
+        text = f"{candidate.label} flies every agent that is controlled from outside, so the `checkpoint` of"
+        print_error(f"note: {text} {', '.join(unused)} is not used")
+
+
 def sources_of(arguments: argparse.Namespace) -> list[str]:
     """Return the sources among the words of the command line; the others are overrides."""
     texts = [word for word in arguments.words if not is_override(word)]
@@ -72,6 +82,7 @@ def prepared_flights(
     candidates = open_candidates(sources, wanted)
     for candidate in candidates:
         candidate.measured(metrics)
+        _print_unused(candidate)
     reference = None
     for candidate in candidates if arguments.reference is not None else ():
         reference = read_reference(arguments.reference, arguments.seed, arguments.episodes, candidate.task)

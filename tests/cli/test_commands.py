@@ -9,11 +9,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from safe_inspect import train_rl
+from safe_inspect.cli import flight_arguments
 from safe_inspect.cli.main import main
+from safe_inspect.config.spec import PolicySpec
 from safe_inspect.evaluation.shipped import shipped_policies
 from safe_inspect.plugins.registry import registry
 from safe_inspect.task_ids import ALL_TASKS
@@ -316,6 +319,23 @@ def test_policies_that_do_not_fit_their_agents_are_found_by_validate(typed, tmp_
         code, out, err = typed(*map(str, words))
         assert (code, out) == (2, "")
         assert err == f"error: {file.name}:4 agent_config[1].policy.checkpoint: nofolder: there is no such checkpoint\n"
+
+
+def test_a_checkpoint_that_does_not_fly_is_named(capsys):
+    def candidate(policies):
+        frozen = PolicySpec("old", ("red", "blue"), "", {}, checkpoint="here")
+        trained = PolicySpec("new", ("green",), "PPO", {})
+        experiment = SimpleNamespace(policies={"old": frozen, "new": trained})
+        return SimpleNamespace(label="random", policies=policies, experiment=experiment)
+
+    for policies, shown in (
+        (print, True),
+        ({"red": print, "green": print}, True),
+        ({"red": print, "green": id}, False),
+    ):
+        flight_arguments._print_unused(candidate(policies))
+        text = "flies every agent that is controlled from outside, so the `checkpoint` of red, blue is not used"
+        assert capsys.readouterr().err == f"note: random {text}\n" * shown
 
 
 def test_a_shipped_policy_is_exported_already(typed):
