@@ -161,7 +161,7 @@ def test_missions_fly_as_tasks_as_many_at_a_time_as_asked(
     monkeypatch.setattr(cluster, "ray_cluster", started_cluster)
     flights = cluster.RayFlights("local", workers)
     assert list(flights({"a": 1}, "file", range(3, 8))) == [(number, {"flown": number}) for number in range(3, 8)]
-    assert (fake.most, fake.cancelled, started) == (most, [], [("local", workers, 1.0, None)])
+    assert (fake.most, fake.cancelled, started) == (most, [], [("local", workers, cluster.Claim({"CPU": 1.0}), None)])
     stopped = flights({"a": 1}, "file", range(5))
     next(stopped)
     stopped.close()
