@@ -35,7 +35,15 @@ def add_option(
         more: Further keyword arguments of `argparse.ArgumentParser.add_argument`.
     """
     text = about if default in (None, []) else f"{about} (default: {default})"
+    kind = _path if kind is Path else kind
     parser.add_argument(flag, metavar=metavar, help=text, type=kind, default=default, **more)
+
+
+def _path(text: str) -> Path:
+    """Return a path; an empty one, as of an unset variable of the shell, would be the working directory."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty; name a file or folder")
+    return Path(text)
 
 
 def add_output_folder(parser: argparse.ArgumentParser, about: str, *, required: bool = False) -> None:

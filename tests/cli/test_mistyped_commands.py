@@ -74,6 +74,10 @@ def typed(capsys):
         (["validate", "safe_inspect/Doking-v0"],
          "there is no task with the id 'safe_inspect/Doking-v0'; did you mean `safe_inspect/Docking-v0`?"),
         (["view", "random", "--cfg", CFG, "--output", "page.txt"], "page.txt"),
+        (["schema", "experiment", "--output", ""], "argument --output: the path is empty; name a file or folder"),
+        (["validate", CFG, "fcnet_hiddens=[]"], "fcnet_hiddens: expected at least 1 items, got []"),
+        (["validate", "safe_inspect/TranslationalInspectionSeed-v0", "policy=!include configs/learners/sac.yml",
+          "entropy_coeff_schedule=[[0, 1]]"], "there is no key `entropy_coeff`; known: `actor_lr`"),
         (["draw", "random", "--until", "0"], "expected a time above 0 in seconds, not '0'"),
     ],
 )  # fmt: skip

@@ -264,6 +264,7 @@ class TestRefusals:
         ("arguments", "message"),
         [
             (["nowhere"], "nowhere: there is no such checkpoint"),
+            ([__file__], "this is a file; give the folder of a checkpoint or of a training run"),
             (["."], "neither a checkpoint nor the folder of a training run"),
             (["RUN", "--policy", "defualt_policy"], "has no policy 'defualt_policy'; did you mean"),
             (["RUN", "horizon=3"], "give one with --cfg"),

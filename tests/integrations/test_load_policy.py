@@ -79,6 +79,8 @@ def test_observations_that_are_not_finite_are_refused(either, bad, drawn):
 def test_an_argument_of_another_library_lists_what_is_taken(either):
     with pytest.raises(TypeError, match="unexpected keyword argument 'deterministic'; without `generator` it"):
         either.predict(np.zeros(13), deterministic=True)
+    with pytest.raises(ArgumentError, match=r"`generator` is 0; give a numpy.random.Generator"):
+        either.predict(np.zeros(13), 0)
 
 
 def test_a_shipped_policy_flies_without_onnxruntime(monkeypatch):

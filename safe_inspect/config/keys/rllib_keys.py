@@ -11,9 +11,9 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, MinLen
 from pydantic import StrictBool
 
 from safe_inspect.config.keys import by_name
@@ -179,7 +179,8 @@ FRESH_KEYS: dict[str, Any] = by_name(
 #: Keys of the networks: attributes of `DefaultModelConfig` that apply to vectors of numbers.
 MODEL_KEYS: dict[str, Any] = by_name(
     {
-        _SIZES: "fcnet_hiddens head_fcnet_hiddens",
+        Annotated[_SIZES, MinLen(1)]: "fcnet_hiddens",  # RLlib builds no network without a layer
+        _SIZES: "head_fcnet_hiddens",
         _ACTIVATION: "fcnet_activation head_fcnet_activation",
         str | None: """
             fcnet_kernel_initializer fcnet_bias_initializer head_fcnet_kernel_initializer head_fcnet_bias_initializer

@@ -212,6 +212,8 @@ def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
         CheckpointError: There is no such checkpoint.
     """
     folder = Path(path).expanduser()
+    if folder.is_file():
+        raise CheckpointError(f"{path}: this is a file; give the folder of a checkpoint or of a training run")
     if not folder.is_dir():
         raise CheckpointError(f"{path}: there is no such checkpoint")
     if (folder / SEAL).is_file() or folder.name.startswith("checkpoint_"):

@@ -349,8 +349,14 @@ class LoadedPolicy:
 
         Raises:
             ArgumentError: The observations have another shape or are not finite numbers; the policy is recurrent, and
-                `episode_start` is missing, or False in rows that the last call did not have; an argument is unknown.
+                `episode_start` is missing, or False in rows that the last call did not have; an argument is unknown, or
+                `generator` is none.
         """
+        if generator is not None and not isinstance(generator, np.random.Generator):
+            raise ArgumentError(
+                f"`generator` is {generator!r:.60}; give a numpy.random.Generator, such as "
+                "`numpy.random.default_rng(0)`, or None for the most likely action"
+            )
         for name in unknown:
             raise KeywordError(
                 f"predict() got an unexpected keyword argument {name!r}; without `generator` it returns the most "

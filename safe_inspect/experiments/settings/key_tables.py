@@ -157,7 +157,8 @@ class KeyTables:
                 elif name in self.unchecked:
                     settings[name] = value
                 else:
-                    names = [*self.known, *self.renamed, *self.unchecked]
+                    former = [old for old, new in self.renamed.items() if new.partition(".")[0] in self.known]
+                    names = [*self.known, *former, *self.unchecked]
                     problems.append(Problem(self.unknown.format(given), where, hint=key_hint(str(given), names)))
                 continue
             if name in source:
