@@ -42,7 +42,7 @@ from safe_inspect.config.building.team import policies_of
 from safe_inspect.config.data import configs_root
 from safe_inspect.config.layers import experiment_tree
 from safe_inspect.config.loading.loader import import_plugins, load
-from safe_inspect.config.loading.located import REPLACED, LocatedDict, Place, ResolvedExperiment, path_text
+from safe_inspect.config.loading.located import REPLACED, LocatedDict, Place, ResolvedExperiment, locate, path_text
 from safe_inspect.config.loading.references import STORE, expand_references
 from safe_inspect.config.loading.templates import expand_templates
 from safe_inspect.config.models import ENVIRONMENT_PATH, ExperimentConfig
@@ -208,7 +208,13 @@ def _rllib(
         name: replace(policy, config={key: value for key, value in policy.config.items() if key not in common})
         for name, policy in policies.items()
     }
-    return {**configs.get(name, {}), **common}, own
+    given = configs.get(name, {})
+    for key, value in given.items():
+        found = [policy.get(key, value) for policy in learning]
+        where = locate(root.tree, (*root.path, "config", "config", "rllib_configs", name, key))
+        if found and value not in found and where is not None and not where.line:  # meant, as it is on the command line
+            warnings.warn(f"{where} has no effect: each agent's `policy` has {found[0]}; change it there", stacklevel=2)
+    return {**given, **common}, own
 
 
 def _horizon(config: ExperimentConfig, rllib: dict[str, Any], root: Place) -> int:

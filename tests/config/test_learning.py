@@ -53,6 +53,14 @@ def test_an_algorithm_that_cannot_learn_the_actions_is_refused(file, overrides, 
         assert problem.location is not None
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_override_that_every_policy_replaces_is_warned_of():
+    with pytest.warns(UserWarning, match=r"rllib_configs\.gamma=0\.5 has no effect: each agent's `policy` has 0\.99"):
+        assert load_experiment(TEAM, ["rllib_configs.gamma=0.5"]).rllib["gamma"] != 0.5
+    load_experiment(TEAM, ["rllib_configs.num_env_runners=1"])  # which no policy sets
+    load_experiment(ONE, [_DQN])  # whose values replace those of the file on purpose
+
+
 def test_every_mistake_is_reported_at_once():
     found = problems(load_experiment(SEED, [_DQN, "rewards=[]"]), [Problem("wrong", "tune_config.stop")])
     assert len(found) == 3
