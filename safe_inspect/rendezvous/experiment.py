@@ -104,6 +104,14 @@ class RendezvousConfig(Model):
         if has_frames and (steps < 1 or abs(steps * mission.step - sensors.frame_period) > 1e-9):
             message = f"is not a multiple of the control step, {mission.step:g} s; round it"
             problems.append((("sensors", "frame_period"), f"{sensors.frame_period:g} s {message}"))
+        unseen = mission.camera_silence + mission.update_period
+        if has_frames and sensors.frame_period > unseen + 1e-9:
+            message = (
+                f"{sensors.frame_period:g} s between two frames are more than the {unseen:g} s, mission.camera_silence "
+                f"({mission.camera_silence:g} s) and one update of the reference ({mission.update_period:g} s), after "
+                "which the chaser retreats from a target that it does not see; lower it, or raise camera_silence"
+            )
+            problems.append((("sensors", "frame_period"), message))
         if "inertial" in reads and sensors.imu_ticks > mission.control_ticks:
             message = (
                 f"{sensors.imu_ticks} ticks between two inertial samples are more than the {mission.control_ticks} "

@@ -83,6 +83,11 @@ def test_overrides_are_checked() -> None:
             "sensors.frame_period",
             r"0\.3 s is not a multiple of the control step",
         ),
+        (
+            ["sensors.frame_period=6.2 s"],
+            "sensors.frame_period",
+            r"6\.2 s between two frames are more than the 6 s, mission\.camera_silence \(5 s\) and one update of the",
+        ),
         (["sensors.imu_ticks=26"], "sensors.imu_ticks", "more than the 25 ticks of a control step"),
         (["chaser.position=[0 m, -3.5 m, 0 m]"], "chaser.position", "the start is outside of the keep-in box"),
     ],
