@@ -200,6 +200,13 @@ def _sensor_doubts(config: RendezvousConfig, target: Target, rates: FloatArray) 
         raise ConfigError(Problem(f"{seen}: it sees nothing of the target", path, hint="start nearer"))
     if distance > reach:
         yield Problem(f"{seen}: it sees a part of the target at most", path, hint="start nearer")
+    least, (ahead, *aside) = sensors.camera.least_range, config.chaser.camera_position
+    away = math.hypot(math.dist(target.landmark, target.mating_point) - ahead, *aside)
+    if "frames" in reads and away < least:
+        message = (
+            f"the camera measures from {least:g} m, and at the mating point it looks at a corner {away:.3g} m away"
+        )
+        yield Problem(message, "sensors.camera.least_range", hint="lower it, or move the mating point outwards")
     known = config.estimator.known(target)
     if known is not target and distance < (least := known.swept_radius + config.chaser.radius + START_DISTANCE):
         message = (
@@ -245,9 +252,23 @@ def _motion_doubts(
             f"{mission.checkout:g} s and {mission.observe:g} s, so that no approach starts"
         )
         yield Problem(message, "mission.time_limit", hint="raise it, or lower mission.observe")
+    if mission.observe > mission.observe_limit:
+        message = (
+            f"{mission.observe:g} s are more than mission.observe_limit, {mission.observe_limit:g} s, which ends every "
+            "observation, however accurate"
+        )
+        yield Problem(message, "mission.observe", hint="lower it, or raise mission.observe_limit")
     if lag > 0.0:
         message = f"the tube does not include that the actuators lag by {lag:g} s, so the chaser may leave it"
         yield Problem(message, "chaser.actuator.lag", hint=f"keep it far below the control step of {mission.step:g} s")
+    spin = min(float(largest_rate(target.principal, rates).max()), limits.line_of_sight_rate)
+    spun, longest = max(config.chaser.inertia) * spin / limits.torque, max(mission.durations)
+    if spun > longest:
+        message = (
+            f"{limits.torque:g} N m need {spun:.3g} s to turn the chaser as fast as its line of sight, "
+            f"{math.degrees(spin):.3g} deg/s; an approach takes {longest:g} s"
+        )
+        yield Problem(message, "chaser.limits.torque", hint="raise it, or correct chaser.inertia")
     fastest = max(map(abs, config.chaser.velocity))
     if fastest > limits.tracking_speed:
         message = (

@@ -14,7 +14,6 @@ from safe_inspect.units import (
     NonNegativeAngularRate,
     NonNegativeDuration,
     NonNegativeForce,
-    NonNegativeSpeed,
     NonNegativeTorque,
     PositiveAngularRate,
     PositiveDuration,
@@ -202,7 +201,7 @@ class MissionConfig(Model):
     hold: PositiveDuration = 5.0  # type: ignore[valid-type]
     hold_limit: PositiveDuration = 20.0  # type: ignore[valid-type]
     hold_position: PositiveLength = 0.03  # type: ignore[valid-type]
-    hold_speed: NonNegativeSpeed = 0.01  # type: ignore[valid-type]
+    hold_speed: PositiveSpeed = 0.01  # type: ignore[valid-type]
     hold_angle: PositiveAngle = 0.052359878  # type: ignore[valid-type]
     camera_silence: PositiveDuration = 5.0  # type: ignore[valid-type]
     imu_silence: PositiveDuration = 0.2  # type: ignore[valid-type]

@@ -102,6 +102,7 @@ class _Without:
         ("planner=MeasuredState", "'MeasuredState' is a state_estimator; expected an approach_planner here"),
         ("bound.trials=100000000", "bound.trials: 100000000 trials are more than 20,000"),
         ("mission.checkout=11 s", "mission: checkout (11 s) is more than checkout_limit (10 s)"),
+        ("mission.hold_speed=0 m/s", "mission.hold_speed: expected a number above 0, got 0"),
         ("mission.hold=21 s", "mission: hold (21 s) is more than hold_limit (20 s)"),
         ("sensors.camera.least_range=4 m", "least_range (4 m) must be below largest_range (4 m)"),
         ("tracker={functor: TubeTracker, config: {least_frequency: 2}}", "least_frequency (2 rad/s) is more than larg"),

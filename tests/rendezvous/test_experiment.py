@@ -155,6 +155,15 @@ def test_the_shipped_experiments_are_not_doubted() -> None:
         ),
         (["tumble.config.rate=0.0872"], r"0\.0872 has no unit and is read as 0\.0872 rad/s, which is 4\.996 deg/s"),
         (["mission.time_limit=122 s"], r"mission\.time_limit: the mission ends after 122 s at .* no approach starts"),
+        (["mission.observe=301 s"], r"mission\.observe: 301 s are more than mission\.observe_limit, 300 s, which ends"),
+        (
+            ["sensors.camera.least_range=0.25 m"],
+            r"least_range: the camera measures from 0\.25 m, and .* 0\.246 m away; lower it",
+        ),
+        (
+            ["chaser.limits.torque=1e-4 N m"],
+            r"limits\.torque: 0\.0001 N m need 145 s to turn .* 5\.13 deg/s; an approach",
+        ),
         (["chaser.actuator.lag=0.3 s"], r"actuator\.lag: the tube does not include that the actuators lag by 0\.3 s"),
         (["chaser.limits.cone=1.2"], r"chaser\.limits\.cone: 1\.2 has no unit .* 68\.75 deg; write the unit"),
     ],
