@@ -222,7 +222,7 @@ class MissionTruth:
         return self._attitudes[0][window], self._attitudes[1][window]
 
 
-class Replay(NamedTuple):
+class _Replay(NamedTuple):
     """The motion of a replayed mission.
 
     Attributes:
@@ -240,7 +240,7 @@ class Replay(NamedTuple):
     clearance: FloatArray
 
 
-def replay(folder: str | os.PathLike[str]) -> Replay:
+def replay(folder: str | os.PathLike[str]) -> _Replay:
     """Run the commands of a mission's log again from the logged initial state.
 
     The log contains the states before each control step, which are those of the replay after each `control_ticks`.
@@ -257,7 +257,7 @@ def replay(folder: str | os.PathLike[str]) -> Replay:
     tumbling = (logged["target_q"][0], logged["target_w"][0])
     q, _ = target_motion(target.principal, tumbling, config.mission.impulses, time)
     clearance = clearances(target, position, q, config.chaser.radius)
-    return Replay(time, np.hstack((position, velocity)), orientation, q, clearance)
+    return _Replay(time, np.hstack((position, velocity)), orientation, q, clearance)
 
 
 #: Smallest cosine between the normal of a surface and the direction to the camera at which an operator marks a point.

@@ -245,7 +245,7 @@ def test_agents_with_other_observations_cannot_share_a_policy() -> None:
     settings = read_settings({"algorithm": "PPO"}, {}, {}, tuple(experiment.policies.values()))
     assert not unfit_policies(experiment, settings)
     first, *others = experiment.spec.agents
-    narrow = dataclasses.replace(first, observation_glues=first.observation_glues[:-1])
+    narrow = dataclasses.replace(first, glues=tuple(x for x in first.glues if x is not first.observation_glues[-1]))
     spec = dataclasses.replace(experiment.spec, agents=(narrow, *others))
     found = unfit_policies(dataclasses.replace(experiment, spec=spec), settings)
     assert [problem.path for problem in found] == ["policies.shared"] * 2

@@ -91,8 +91,7 @@ class Checkpoint:
         """
         path = Path(path)
         if not path.is_dir():
-            what = "this is a file, not the folder of a checkpoint" if path.exists() else "there is no such checkpoint"
-            raise CheckpointError(f"{path}: {what}")
+            raise _missing(path)
         try:
             seal: dict[str, Any] = json.loads((path / SEAL).read_text(encoding="utf-8"))
             checkpoint = cls(
@@ -201,6 +200,11 @@ def _sums(folder: Path) -> dict[str, list[int]]:
     return {path.relative_to(folder).as_posix(): [path.stat().st_size, zlib.crc32(path.read_bytes())] for path in files}
 
 
+def _missing(path: Path) -> CheckpointError:
+    is_file = "this is a file; give the folder of a checkpoint or of a training run"
+    return CheckpointError(f"{path}: {is_file if path.exists() else 'there is no such checkpoint'}")
+
+
 def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
     """Return the folder of a checkpoint.
 
@@ -212,10 +216,8 @@ def newest_checkpoint(path: str | os.PathLike[str]) -> Path:
         CheckpointError: There is no such checkpoint.
     """
     folder = Path(path).expanduser()
-    if folder.is_file():
-        raise CheckpointError(f"{path}: this is a file; give the folder of a checkpoint or of a training run")
     if not folder.is_dir():
-        raise CheckpointError(f"{path}: there is no such checkpoint")
+        raise _missing(folder)
     if (folder / SEAL).is_file() or folder.name.startswith("checkpoint_"):
         return folder
     if configuration_of(folder) is None:

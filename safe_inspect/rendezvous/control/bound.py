@@ -251,11 +251,11 @@ class ConformalBound(Plugin):
 
     def __call__(self, query: BoundQuery, streams: Streams) -> Bound:
         """Return the bound at the samples of the plan, using the random streams of one mission."""
-        trials = trial_streams(streams, self.trials + _SCALE_TRIALS)
+        trials = _trial_streams(streams, self.trials + _SCALE_TRIALS)
         return conformal_bound(sample_errors(query, trials), self.epsilon)
 
 
-def trial_streams(streams: Streams, trials: int) -> Streams:
+def _trial_streams(streams: Streams, trials: int) -> Streams:
     """Return random streams with one row for each trial of a mission."""
     return Streams(streams.seed, np.repeat(streams.slot, trials), np.arange(trials))
 

@@ -72,7 +72,7 @@ def angular_velocities(
     return middle, np.where(has_slope[:, None], line, mean)
 
 
-class Polhode(NamedTuple):
+class _Polhode(NamedTuple):
     """Principal axes found from angular velocities.
 
     Attributes:
@@ -88,7 +88,7 @@ class Polhode(NamedTuple):
     observable: bool
 
 
-def principal_axes_of_motion(times: FloatArray, rates: FloatArray) -> Polhode:
+def principal_axes_of_motion(times: FloatArray, rates: FloatArray) -> _Polhode:
     """Return the ordered principal axes and the inertia ratios.
 
     A polhode lies on all quadrics ``w^T (a J + b J^2) w = const``. With rows [w1^2, w2^2, w3^2, 2 w1 w2, 2 w1 w3,
@@ -123,7 +123,7 @@ def principal_axes_of_motion(times: FloatArray, rates: FloatArray) -> Polhode:
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     axes, ratios = _ordered(times, w @ axes * scale, axes)
     observable = singular[0] <= _LARGEST_RATIO and singular[1] >= _LEAST_RATIO and bool(np.isfinite(ratios).all())
-    return Polhode(axes, ratios, singular, observable)
+    return _Polhode(axes, ratios, singular, observable)
 
 
 def _symmetric(v: FloatArray) -> FloatArray:
@@ -272,7 +272,7 @@ def _has_three_axes(fit: Fit) -> bool:
 
 def _starts(
     time: float,
-    shown: Polhode,
+    shown: _Polhode,
     q_WG: FloatArray,  # noqa: N803
     measured: tuple[FloatArray, FloatArray],
     known: KnownBody,
@@ -345,7 +345,7 @@ def _axes_in_g(history: History, fit: Fit, turned: FloatArray) -> FloatArray:
     return normalise((each * np.sign(each @ each[-1])[:, None]).sum(axis=0))
 
 
-def _estimate(history: History, fit: Fit, shown: Polhode, observable: bool, *, aligned: bool) -> TargetEstimate:
+def _estimate(history: History, fit: Fit, shown: _Polhode, observable: bool, *, aligned: bool) -> TargetEstimate:
     time = float(history.times[-1])
     motion = fit.motion.at(time)
     used = fit.residuals[fit.used]

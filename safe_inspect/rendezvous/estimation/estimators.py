@@ -117,7 +117,7 @@ class StateEstimator(Plugin):
         return target
 
 
-class ScaledRun:
+class _ScaledRun:
     """Estimator of one mission that computes in units of the scenario's length.
 
     Distances, tolerances and errors that suit a scenario of 1 m then suit one of any size.
@@ -344,4 +344,4 @@ class PipelineEstimator(StateEstimator):
 
     def __call__(self, context: EstimatorContext) -> EstimatorRun:
         """Return the estimator of a mission."""
-        return ScaledRun.of(lambda scaled: PipelineEstimatorRun(scaled, self), context)
+        return _ScaledRun.of(lambda scaled: PipelineEstimatorRun(scaled, self), context)

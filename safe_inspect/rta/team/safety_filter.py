@@ -76,7 +76,7 @@ class TeamState(MotionBatch):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TeamResult(TeamFiltered):
+class _TeamResult(TeamFiltered):
     """Effect of the filter on the joint controls of N environments; see `TeamFiltered`.
 
     Attributes:
@@ -190,14 +190,14 @@ class TeamFilter:
 
     def __call__(
         self, state: TeamState, desired: FloatArray, plan: AnyArray | None = None, tracks: FloatArray | None = None
-    ) -> TeamResult:
+    ) -> _TeamResult:
         """Return the thrusts to apply.
 
         Args:
             state: The states of N environments.
             desired: Desired thrusts [N], Hill frame, shape (N, D, 3). Those of coasting deputies are ignored.
-            plan: `TeamResult.plan` of the last step, or zeros, shape (N, D).
-            tracks: `TeamResult.tracks` of the last step, or zeros, shape (N, D, 10); ignored without a disturbance.
+            plan: `_TeamResult.plan` of the last step, or zeros, shape (N, D).
+            tracks: `_TeamResult.tracks` of the last step, or zeros, shape (N, D, 10); ignored without a disturbance.
 
         Raises:
             ValueError: The shapes differ, or a number is not finite.
@@ -218,7 +218,7 @@ class TeamFilter:
             self._model, (state.position, state.velocity, state.sun_angle), desired, state.fixed, memory,
             gain, tracked, control, refused, stage,
         )  # fmt: skip
-        return TeamResult(
+        return _TeamResult(
             control=control,
             intervening=differs(control, desired) & ~state.fixed,
             infeasible=stage == rows.RETURN,
