@@ -9,7 +9,7 @@ from safe_inspect.cli.main import Parser, run_command
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code, which is 0, or 2 for a mistake of the user."""
+    """Run the command; return its exit code: 0, 2 for a mistake of the user, else see `run_command`."""
     return run_command(Parser(prog="python -m safe_inspect.train_rl", command="train"), argv)
 
 

@@ -60,7 +60,7 @@ _HIDDEN = {"--overrides", "--words", "--run", "--command", "--experiment-needed"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code, which is 0, or 2 for a mistake of the user."""
+    """Run the command; return its exit code: 0, 2 for a mistake of the user, else see `run_command`."""
     with suppress(FileNotFoundError):  # as `python -m` does, for modules with plugins next to the configuration
         sys.path.insert(0, os.getcwd())
     announce_compiling()

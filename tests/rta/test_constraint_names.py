@@ -6,7 +6,7 @@ import pytest
 
 from safe_inspect.rta.backup.safety_filter import BackupFilter
 from safe_inspect.rta.constraints import Constraint, ConstraintValues, constraint_set
-from safe_inspect.rta.constraints.sets import name_of
+from safe_inspect.rta.constraints.sets import NAMES, name_of
 from safe_inspect.rta.team.safety_filter import TeamFilter
 
 
@@ -52,9 +52,14 @@ def test_a_class_is_the_same_by_its_path_and_by_its_name():
             constraint_set({}, [HERE, again])
 
 
-def test_the_constraints_of_the_task_keep_their_names():
-    limit = constraint_set({}, ["r_max"])["r_max"]
-    with pytest.raises(ValueError, match=r"the constraint 'r_max' cannot have another `name`; remove it"):
+@pytest.mark.parametrize("name", NAMES)
+def test_the_constraints_of_the_task_keep_their_names(name):
+    limit = constraint_set({}, [name])[name]
+    with pytest.raises(ValueError, match=rf"the constraint '{name}' cannot have another `name`; remove it"):
         constraint_set({}, [limit.model_copy(update={"name": "far"})])
+
+
+def test_a_constraint_of_the_task_is_given_once():
+    limit = constraint_set({}, ["r_max"])["r_max"]
     with pytest.raises(ValueError, match=r"'r_max' is given twice; remove one$"):
         constraint_set({}, ["r_max", limit])

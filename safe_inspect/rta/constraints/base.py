@@ -144,7 +144,7 @@ class Constraint(Plugin):
     - The chief rests at the origin.
     - The motion is that of Clohessy and Wiltshire, exactly or within the filter's `disturbance`.
 
-    `config.building.guarantees` refuses experiments that violate them, with two exceptions, which only warn. A start
+    `config.building` refuses experiments that violate them, with two exceptions, which only warn. A start
     that no rejection sampler tests is tested at the reset, and flown even if the filter rejects it. With
     ``undeclared: warn``, components and dynamics that declare no `disturbance_bounds` are accepted.
 
@@ -185,7 +185,7 @@ class Constraint(Plugin):
             `half_space` is not used for pairs.
         from_task: Names of the parameters of a task, see `ConstraintParameters`, by the field that takes their value.
         kernels: What the certifying filters use for a constraint of the inspection task, instead of a half-space: the
-            built-in constraints have these and no `half_space`.
+            built-in constraints have these and no `half_space`, except for PSM and those of pairs, which have neither.
         uncertified: Fields that the certifying filters do not use and reject if given: those of alpha, and a mean
             motion, because the filters use that of the orbit.
 

@@ -57,7 +57,7 @@ def constraint_set(
     for entry in names:
         cls, given = _class_of(entry), {}
         name = name_of(entry)
-        fixed = cls.pair or cls.kernels is not None
+        fixed = cls.pair or cls in CERTIFIED  # which the filters look up by their registered names
         if fixed and name != cls.registered_name:
             raise ValueError(f"the constraint {cls.registered_name!r} cannot have another `name`; remove it")
         if name in built:

@@ -208,8 +208,8 @@ class Sun(SunDirection, PassiveComponent):
     `NaturalMotionInspector` predict by `Shadow.edge`. `SunDirectionSensor` reads ``sun_direction``, which continues
     in the dark. The shadow is that of `dynamics.orbit.earth`. Another law of shadows must change `shade`, and what
     predicts: `Shadow.edge`, `predicted_sun` and the sensor. The world value ``shadow``, a `Shadow`, shows all others
-    that there is an eclipse: where it exists, the points of a body that turns read ``light_direction``, and
-    predictions take its `edge` as constant. A new field of `SunDirection` is a key of ``illumination_params``.
+    that there is an eclipse: where it exists, the points of a body that does not turn read ``light_direction``,
+    and predictions take its `edge` as constant. A new field of `SunDirection` is a key of ``illumination_params``.
 
     Which points are lit is decided in `geometry.visibility` (`light_row`, `inspect_in_view`, `inspect_body`: q . s >
     terminator), which `InspectionPoints` calls with s from ``light_direction``, or from the copy of it along the axes
@@ -332,7 +332,7 @@ class IlluminationParams(SunDirection):
         resolution: Pixels of the camera; recorded, without effect on the simulation.
         focal_length: Focal length of the camera [m]; recorded, without effect on the simulation.
         pixel_pitch: Pixel pitch of the camera [m]; recorded, without effect on the simulation.
-        render_flag_3d: Must be false: the simulator does not render; use `safe_inspect.evaluation` instead.
+        render_flag_3d: Must be false: the simulator does not render; use `safe_inspect.figures` instead.
         render_flag_subplots: Must be false, for the same reason.
     """
 
