@@ -5,7 +5,7 @@ the item's ``name``, its class, or its controller or sensor. A path whose first 
 end of a path, which must match exactly one position. Components after the first may leave out ``config``. If no file
 contains the last component, the path must match the one position that may contain it
 (`safe_inspect.config.fields`); words of other libraries are not accepted as keys. ``~path`` removes a key or an
-item. A list of mappings in the place of a mapping is merged.
+item.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from safe_inspect.config.fields import (
 from safe_inspect.config.keys.old_keys import OTHER_WORDS, key_hint
 from safe_inspect.config.loading.loader import parse
 from safe_inspect.config.loading.located import locate, marked, rewritten, value_at, with_marks, with_value
-from safe_inspect.config.loading.merge import APPEND, append, items_named, merge, names_of
+from safe_inspect.config.loading.merge import APPEND, append, items_named, names_of
 from safe_inspect.config.models import ExperimentConfig
 from safe_inspect.errors import ConfigError, Location, Problem
 
@@ -104,10 +104,7 @@ def _apply(tree: Any, override: str, location: Location, model: type[BaseModel])
             note = f"`{override}` sets {'.'.join(map(str, found[0]))}, which no file gives"
             warnings.warn(note, stacklevel=2)
     if len(found) == 1:
-        value = parse(text, location)
-        if isinstance(value_at(tree, found[0]), Mapping) and isinstance(value, list) and value:
-            value = merge(value) if all(isinstance(item, Mapping) for item in value) else value
-        return with_value(tree, found[0], value, location)
+        return with_value(tree, found[0], parse(text, location), location)
     if found:
         raise ConfigError(_several(with_configs(with_empty_mappings(tree)), parts, found, text, location))
     raise ConfigError(_unknown(tree, parts, location, model))

@@ -131,12 +131,6 @@ def test_overrides_apply_in_order_and_take_includes(tree, write):
     write({"ppo.yml": "lr: 5\n"})
     changed = apply_overrides(tree, ["rllib=!include ppo.yml", "rllib.lr=6", "rllib.clip=7"])
     assert changed["rllib"] == {"lr": 6, "clip": 7}
-    layers = "rllib=[!include ppo.yml, {clip: 7}]"
-    changed = apply_overrides(tree, [layers, "rllib.clip=8"])
-    assert changed["rllib"] == {"lr": 5, "clip": 8}
-    assert str(locate(changed, ("rllib", "lr"))) == "ppo.yml:1"
-    for value in ([], [1, 2], [{"lr": 5}, 2]):  # not layers
-        assert apply_overrides(tree, [f"rllib={value}"])["rllib"] == value
 
 
 def test_a_suffix_that_fits_several_places_lists_them(tree):
