@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from safe_inspect.cli.arguments import _path
 from safe_inspect.cli.main import command_parser, main
 from safe_inspect.config.data import configs_root
 from safe_inspect.outputs import MARKER, mark_folder
 
 TASK = str(configs_root() / "translational-inspection" / "experiment-seed.yml")
 MISSION = str(configs_root() / "tumbling-rendezvous" / "experiment-truth.yml")
+SHORT = [f"mission.{key} s" for key in ("checkout=0.2", "observe=0.2", "time_limit=0.8")]
 BOARDS = f"""
 episodes: 2
 boards: [{{title: Small, task: {TASK}, overrides: [horizon=5], rows: [{{source: random}}]}}]
@@ -28,8 +30,8 @@ FOLDERS = {
     ("compare", "output"): ["compare", "random", "zero-thrust", "--episodes", "2", "horizon=5"],
     ("record-log", "output"): ["record-log", MISSION, "--seconds", "2"],
     ("characterise", "output"): ["characterise", "log"],
-    ("rendezvous", "output"): ["rendezvous", MISSION, "mission.time_limit=0.8 s"],
-    ("evaluate", "output", "missions"): ["evaluate", "--cfg", MISSION, "mission.time_limit=0.8 s", "--episodes", "2"],
+    ("rendezvous", "output"): ["rendezvous", MISSION, *SHORT],
+    ("evaluate", "output", "missions"): ["evaluate", "--cfg", MISSION, *SHORT, "--episodes", "2"],
 }
 FILES = {
     ("evaluate", "json"): ["evaluate", "random", "--episodes", "2", "horizon=5"],
@@ -102,7 +104,7 @@ def test_every_output_of_every_command_is_tried():
         for name, parser in parsers().items()
         for action in parser._actions
         if action.option_strings and action.dest not in _INPUTS
-        if action.type is Path or (action.type is None and "write" in (action.help or ""))
+        if action.type is _path or (action.type is None and "write" in (action.help or ""))
     }
     assert outputs == {key[:2] for key in (*FOLDERS, *FILES)} | OTHERS
 

@@ -20,14 +20,15 @@ CFG = "safe_inspect/TranslationalInspectionSeed-v0"
 _LONG_SEARCH = """
 import sys
 from safe_inspect.cli.main import main
-from safe_inspect.policies import burn_search as search
-revise = search.revise_plan
+from safe_inspect.evaluation import optimiser
+from safe_inspect.policies import inspector
+revise = inspector.revise_plan
 def announced(problem, state, start, delta_v, seed, effort):
     short = effort._replace(restarts=1, iterations=1)
     revise(problem, state, start.copy(), delta_v.copy(), seed.copy(), short)  # compiled by now
     print("searching", flush=True)
     return revise(problem, state, start, delta_v, seed, effort._replace(iterations=40 * effort.iterations))
-search.revise_plan = announced
+inspector.revise_plan = optimiser.revise_plan = announced
 sys.exit(main(sys.argv[1:]))
 """
 _COMMAND = "import sys; from safe_inspect.cli.main import main; sys.exit(main(sys.argv[1:]))"
