@@ -350,7 +350,7 @@ class LoadedPolicy:
         Raises:
             ArgumentError: The observations have another shape or are not finite numbers; the policy is recurrent, and
                 `episode_start` is missing, or False in rows that the last call did not have; an argument is unknown, or
-                `generator` is none.
+                `generator` is not a `numpy.random.Generator`.
         """
         if generator is not None and not isinstance(generator, np.random.Generator):
             raise ArgumentError(
